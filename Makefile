@@ -1,0 +1,36 @@
+# make demo   set everything up and grasp the bulb: six node processes over real DDS on loopback
+# make test   set everything up, lint, and run all tests
+# make bench  print CPU and latency of the running system
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# Fast DDS stays on this machine; nothing joins a multicast group.
+export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+
+.PHONY: demo test lint bench clean
+
+demo: $(VENV)/run.stamp
+	$(BIN)/demo $(DEMO_ARGS)
+
+test: lint
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/test.stamp
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+bench: $(VENV)/test.stamp
+	$(BIN)/python -m mbpam_ros.study.bench $(BENCH_ARGS)
+
+$(VENV)/run.stamp: requirements.txt setup.py
+	test -d $(VENV) || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
+	touch $@
+
+$(VENV)/test.stamp: $(VENV)/run.stamp requirements-test.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-test.txt
+	touch $@
+
+clean:
+	rm -rf $(VENV) build install log report *.egg-info .pytest_cache .ruff_cache

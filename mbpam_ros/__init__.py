@@ -1,0 +1,1 @@
+"""A four-finger gripper of multi-directional bending pneumatic artificial muscles on ROS 2."""

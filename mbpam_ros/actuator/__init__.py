@@ -1,0 +1,1 @@
+"""The muscle: design and its domain, chambers and directions, metamodels, rod law, kinematics."""

@@ -1,0 +1,1 @@
+"""Bend, tip pose and available force from pressures, with their uncertainty."""

@@ -1,0 +1,1 @@
+"""Grasp modes, mode selection and the arbitration state machine."""

@@ -1,0 +1,64 @@
+"""The gripper a user describes in ``config/gripper.yaml``: which muscles, and where they stand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.actuator.chambers import FINGER_COUNT
+from mbpam_ros.actuator.design import MuscleDesign, MuscleGeometry
+from mbpam_ros.configuration import load_config, require_positive
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """Four equal muscles hanging from a palm.
+
+    Frame ``gripper_base``: origin in the palm's centre, z out of the palm along the hanging fingers. Fingers 1 to 4
+    stand at azimuth 45, 135, 225, 315 deg with muscle frames parallel to ``gripper_base``.
+
+    Args:
+        design: the muscles' design.
+        geometry: what all designs share.
+        metamodel: surrogate that gives the design's greatest bend and force.
+        target: scale to the paper's finite element values or to its measured ones.
+        finger_circle_radius_m: distance of the finger axes from the palm's centre.
+        pressure_limit_gauge_pa: hard limit of any set-point and of any chamber.
+    """
+
+    design: MuscleDesign
+    geometry: MuscleGeometry
+    metamodel: Literal["prs", "rbf", "krg"]
+    target: Literal["fe", "test"]
+    finger_circle_radius_m: float
+    pressure_limit_gauge_pa: float
+
+    def __post_init__(self) -> None:
+        require_positive(self, "finger_circle_radius_m", "pressure_limit_gauge_pa")
+        closest = 2.0 * self.finger_circle_radius_m * math.sin(math.pi / FINGER_COUNT)
+        if closest < 2.0 * self.geometry.outer_radius_m:
+            raise ValueError(
+                f"finger_circle_radius_m = {self.finger_circle_radius_m:g} puts neighbouring fingers "
+                f"{closest:g} m apart, less than their diameter"
+            )
+
+    @property
+    def finger_base_m(self) -> NDArray[np.float64]:
+        """Clamp points of the four fingers in ``gripper_base``, shape (4, 3) [m]."""
+        azimuth = np.radians(45.0 + 90.0 * np.arange(FINGER_COUNT))
+        radius = self.finger_circle_radius_m
+        return np.column_stack([radius * np.cos(azimuth), radius * np.sin(azimuth), np.zeros(FINGER_COUNT)])
+
+
+def load_gripper(name: str | Path = "gripper.yaml") -> Gripper:
+    """Read the gripper file ``name``.
+
+    Raises:
+        ConfigError: wrong keys or values, a design outside the paper's domain among them.
+    """
+    return load_config(Gripper, name)

@@ -1,0 +1,1 @@
+"""Thin rclpy adapters: parameters, messages to SI arrays and back, timers, diagnostics."""

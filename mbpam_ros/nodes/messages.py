@@ -1,0 +1,111 @@
+"""Standard messages to SI arrays and back. The one place where names, lengths and units are checked."""
+
+from __future__ import annotations
+
+import array
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Pose, Quaternion
+from numpy.typing import ArrayLike, NDArray
+from sensor_msgs.msg import JointState
+
+
+class MessageError(ValueError):
+    """A message does not carry what its topic promises; the text says what is wrong with it."""
+
+
+def seconds(stamp: Time) -> float:
+    """Return a time stamp as seconds."""
+    return stamp.sec + 1e-9 * stamp.nanosec
+
+
+def time_stamp(time_s: float) -> Time:
+    """Return ``time_s`` >= 0 as a time stamp, rounded to the nanosecond."""
+    nanoseconds = round(time_s * 1e9)
+    return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
+def floats(values: ArrayLike) -> array.array:
+    """Return the values as the array type that message fields take without a copy per element."""
+    return array.array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
+
+
+def joint_state(
+    stamp: Time,
+    names: Sequence[str],
+    *,
+    position: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+    effort: ArrayLike | None = None,
+) -> JointState:
+    """Build a JointState; what is not given stays empty."""
+    message = JointState()
+    message.header.stamp = stamp
+    message.name = list(names)
+    if position is not None:
+        message.position = floats(position)
+    if velocity is not None:
+        message.velocity = floats(velocity)
+    if effort is not None:
+        message.effort = floats(effort)
+    return message
+
+
+def named_values(message: JointState, names: tuple[str, ...], field: str) -> NDArray[np.float64]:
+    """Return ``field`` of a JointState in the order of ``names``, shape (len(names),). Values may be NaN.
+
+    The message may name its channels in any order, but must name each exactly once.
+
+    Raises:
+        MessageError: unknown, missing or repeated names, or a field of another length.
+    """
+    values = np.array(getattr(message, field), dtype=np.float64)
+    if len(values) != len(message.name):
+        raise MessageError(f"{len(message.name)} names but {len(values)} values in {field}")
+    given = tuple(message.name)
+    if given == names:
+        return values
+    unknown = sorted(set(given) - set(names))
+    if unknown:
+        raise MessageError(f"unknown names: {_listing(unknown)}; expected {names[0]} .. {names[-1]}")
+    missing = sorted(set(names) - set(given))
+    if missing:
+        raise MessageError(f"missing names: {_listing(missing)}")
+    if len(given) != len(names):
+        raise MessageError(f"{len(given)} names, some of them twice, for {len(names)} channels")
+    index = {name: i for i, name in enumerate(given)}
+    return values[[index[name] for name in names]]
+
+
+def point(position_m: Sequence[float]) -> Point:
+    """Return three coordinates as a Point."""
+    x, y, z = (float(value) for value in position_m)
+    return Point(x=x, y=y, z=z)
+
+
+def pose(position_m: Sequence[float], orientation_xyzw: Sequence[float]) -> Pose:
+    """Return position and quaternion (x, y, z, w) as a Pose."""
+    x, y, z, w = (float(value) for value in orientation_xyzw)
+    return Pose(position=point(position_m), orientation=Quaternion(x=x, y=y, z=z, w=w))
+
+
+def pose_arrays(message: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return position (3,) and unit quaternion (4,), x y z w, of a Pose.
+
+    Raises:
+        MessageError: a coordinate is not finite, or the quaternion has no length.
+    """
+    position = np.array([message.position.x, message.position.y, message.position.z])
+    orientation = np.array([message.orientation.x, message.orientation.y, message.orientation.z, message.orientation.w])
+    length = math.sqrt(float(orientation @ orientation))
+    if not (np.isfinite(position).all() and math.isfinite(length)) or length < 1e-9:
+        raise MessageError("pose with a coordinate that is not finite or a quaternion of no length")
+    return position, orientation / length
+
+
+def _listing(names: list[str]) -> str:
+    shown = ", ".join(names[:3])
+    return shown if len(names) <= 3 else f"{shown} and {len(names) - 3} more"

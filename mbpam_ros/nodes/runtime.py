@@ -1,0 +1,143 @@
+"""How a node lives: start, spin, stop on SIGINT or SIGTERM with exit code 0, and report its health at 1 Hz."""
+
+from __future__ import annotations
+
+import sys
+import time
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from mbpam_ros.configuration import ConfigError
+from mbpam_ros.nodes.parameters import Parameter, declare_parameters
+
+STREAM = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
+"""For every data topic: reliable, and short, because an old sample is worth nothing."""
+
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""For a state that a late subscriber must see."""
+
+SPIN_TIMEOUT_S = 0.2
+WARNING_PERIOD_S = 1.0
+
+
+class FatalError(RuntimeError):
+    """A node cannot go on; it has reported why and asks to be stopped."""
+
+
+@dataclass
+class Health:
+    """What a node says of itself in ``/diagnostics``.
+
+    Args:
+        level: one of DiagnosticStatus.OK, WARN, ERROR.
+        message: one line.
+        values: key-values with units in the keys.
+    """
+
+    level: bytes = DiagnosticStatus.OK
+    message: str = "ok"
+    values: dict[str, str] = field(default_factory=dict)
+
+
+class GripperNode(Node):
+    """A node with declared parameters, a 1 Hz health report, and counted, throttled warnings about bad input."""
+
+    def __init__(self, name: str, parameters: Sequence[Parameter], **node_options: object) -> None:
+        super().__init__(name, **node_options)
+        try:
+            declare_parameters(self, parameters)
+        except Exception:
+            self.destroy_node()
+            raise
+        self.refused_inputs = 0
+        self._reported_level: bytes | None = None
+        self._warned_at: dict[str, float] = {}
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_timer(1.0, self.publish_health)
+
+    @abstractmethod
+    def health(self) -> Health:
+        """Return the node's present health."""
+
+    def value(self, parameter: str) -> bool | int | float | str:
+        """Return the present value of a declared parameter."""
+        return self.get_parameter(parameter).value
+
+    def now_s(self) -> float:
+        """Return the node's time [s]: wall clock, or simulated under ``use_sim_time``."""
+        return self.get_clock().now().nanoseconds * 1e-9
+
+    def refuse(self, source: str, error: object) -> None:
+        """Count an input that was not applied and warn about its source at most once a second."""
+        self.refused_inputs += 1
+        now = time.monotonic()
+        if now - self._warned_at.get(source, -WARNING_PERIOD_S) >= WARNING_PERIOD_S:
+            self._warned_at[source] = now
+            self.get_logger().warning(f"{source} refused: {error}")
+
+    def publish_health(self) -> None:
+        """Publish the health report now."""
+        health = self.health()
+        self._reported_level = health.level
+        values = {**health.values, "refused_inputs": str(self.refused_inputs)}
+        status = DiagnosticStatus(
+            level=health.level,
+            name=self.get_fully_qualified_name(),
+            message=health.message,
+            hardware_id=self.get_namespace().strip("/") or "gripper",
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
+        report = DiagnosticArray(status=[status])
+        report.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(report)
+
+    def publish_health_change(self) -> None:
+        """Publish the health report at once if its level changed since the last one."""
+        if self.health().level != self._reported_level:
+            self.publish_health()
+
+
+def run(*factories: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+    """Run nodes in this process until SIGINT, SIGTERM or a fatal error.
+
+    Args:
+        factories: callables that build one node each, in the default context.
+        arguments: command line with its ROS arguments; ``sys.argv`` by default.
+
+    Returns:
+        Exit code: 0 after a signal, 1 after a node stopped itself (FatalError), 2 for a configuration that cannot be
+        used. Messages go to standard error as one line, without a traceback.
+    """
+    rclpy.init(args=arguments)
+    executor = EventsExecutor()
+    nodes: list[Node] = []
+    try:
+        for factory in factories:
+            nodes.append(factory())
+            executor.add_node(nodes[-1])
+        # A spin without a time-out ignores signals in this executor.
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=SPIN_TIMEOUT_S)
+        return 0
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except ConfigError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except FatalError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    finally:
+        executor.shutdown()
+        for node in nodes:
+            node.destroy_node()
+        rclpy.try_shutdown()

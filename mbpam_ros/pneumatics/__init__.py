@@ -1,0 +1,1 @@
+"""Valve, chamber, transducer and the pressure controller."""

@@ -1,0 +1,1 @@
+"""Offline work on top of the package: benchmarks and reports."""

@@ -1,0 +1,1 @@
+"""Camera model, synthetic renderer and object detector."""

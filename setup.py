@@ -1,0 +1,55 @@
+"""Package the gripper for colcon (ament_python) and for pip alike."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "mbpam_ros"
+NODES = (
+    "plant",
+    "pressure_sensor",
+    "valve_controller",
+    "state_estimator",
+    "object_detector",
+    "grasp_arbiter",
+    "bringup",
+    "demo",
+)
+ROS_WHEELS = ["ros-rclpy", "ros-rmw-fastrtps-cpp", "ros-rmw-fastrtps-shared-cpp", "ros-common-interfaces"]
+TEST = ["pytest", "pytest-timeout", "hypothesis", "ros-domain-coordinator"]
+
+
+def shared_files() -> list[tuple[str, list[str]]]:
+    """Return data_files: the package index marker, package.xml, and every file of ``config/`` in its folder."""
+    files = [
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ]
+    folders = [Path("config"), *(path for path in sorted(Path("config").rglob("*")) if path.is_dir())]
+    for folder in folders:
+        names = [str(path) for path in sorted(folder.iterdir()) if path.is_file()]
+        files.append((f"share/{PACKAGE}/{folder}", names))
+    return files
+
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Run and simulate a four-finger gripper of multi-directional bending pneumatic artificial muscles",
+    license="Apache-2.0",
+    maintainer="mbpam_ros maintainers",
+    maintainer_email="mbpam_ros@example.org",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    data_files=shared_files(),
+    python_requires=">=3.10",
+    install_requires=["setuptools", "numpy", "scipy", "numba", "opencv-python-headless", "pyyaml"],
+    # Where ROS 2 is installed by the system, rclpy comes with it; elsewhere it comes as wheels: pip install .[ros]
+    extras_require={"ros": ROS_WHEELS, "report": ["matplotlib"], "test": TEST},
+    tests_require=TEST,
+    zip_safe=True,
+    entry_points={
+        "console_scripts": [
+            *(f"{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
+        ]
+    },
+)
