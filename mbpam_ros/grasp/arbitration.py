@@ -1,0 +1,526 @@
+"""Who may close the gripper, and what the air does: the grasp state machine as pure code, with time handed in.
+
+Sources in order: safety over operator over camera. A higher source preempts, an equal or lower one is refused while an
+object is held; every refusal says why and what to do.
+
+========== ============================================================ ==================== ==============
+phase      what happens                                                 then                 air
+========== ============================================================ ==================== ==============
+idle       a mode is requested                                          closing              regulate
+closing    all pressures near their set-points for the dwell time       holding              regulate
+closing    they are not before the time-out                             fault                vent
+closing    sensor or valve fault, stale pressures                       fault                vent
+holding    sensor or valve fault, stale pressures, pressure lost        fault                hold
+closing    operator asks for a mode while the camera's grasp runs       closing (new mode)   regulate
+holding    operator asks for a mode while the camera's grasp runs       closing (new mode)   regulate
+closing    release                                                      releasing            regulate to 0
+holding    release                                                      releasing            regulate to 0
+releasing  all pressures down                                           idle                 regulate to 0
+releasing  they are not before the time-out                             fault                vent
+any        stop, or a pressure above the limit                          fault                vent
+fault      release (lets go of an object a fault has kept)              fault                vent
+fault      reset, pressures down and known, no fault reported           idle                 regulate to 0
+========== ============================================================ ==================== ==============
+
+The bend estimate comes from pressures alone, so it cannot see an object between the fingers. Whether something is held
+is therefore reported as not observable, unless a contact measurement is handed in.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum, IntEnum
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
+from mbpam_ros.configuration import load_config, require_positive
+from mbpam_ros.grasp.modes import MODE_NAMES, GraspMode
+from mbpam_ros.grasp.selection import DetectedObject, GraspChoice, ModeSelector, Refusal, SelectionConfig, WristPose
+
+
+class Phase(Enum):
+    """Where a grasp stands."""
+
+    IDLE = "idle"
+    CLOSING = "closing"
+    HOLDING = "holding"
+    RELEASING = "releasing"
+    FAULT = "fault"
+
+
+class Source(IntEnum):
+    """Who decided; a greater one preempts."""
+
+    NONE = 0
+    CAMERA = 1
+    OPERATOR = 2
+    SAFETY = 3
+
+
+class Air(Enum):
+    """What the valves have to do with the set-points."""
+
+    REGULATE = "regulate"
+    """Follow the set-points."""
+    HOLD = "hold"
+    """Close all valves; the set-points stay as they were."""
+    VENT = "vent"
+    """Vent at once, without any rate limit; all set-points are zero. Only a fault does this."""
+
+
+class Contact(Enum):
+    """Whether the fingers touch an object."""
+
+    NOT_OBSERVABLE = "not observable"
+    TOUCHING = "touching"
+    NOT_TOUCHING = "not touching"
+
+
+@dataclass(frozen=True)
+class GripPressures:
+    """Grip pressure of each mode [Pa gauge]."""
+
+    envelope: float
+    short_rod: float
+    slender_rod: float
+    mid_rod: float
+
+    def __post_init__(self) -> None:
+        require_positive(self, *MODE_NAMES)
+
+
+@dataclass(frozen=True)
+class ArbitrationConfig:
+    """Pressures and times of a grasp, all of ``config/grasp.yaml``.
+
+    Args:
+        grip_pressure_gauge_pa: pressure of the inflated chambers, by mode.
+        pressure_tolerance_pa: a pressure this near to its set-point has reached it.
+        settle_dwell_s: how long all pressures must stay there before a grasp counts as closed.
+        close_timeout_s: a grasp that has not closed by then is a fault.
+        release_timeout_s: a gripper that has not vented by then is a fault.
+        pressure_lost_s: pressures out of tolerance for this long while holding are a fault.
+        open_below_gauge_pa: a chamber below this counts as vented.
+        pressure_stale_s: a channel without a valid reading for longer is stale.
+        detection_stale_s: detections older than this are not used.
+        contact_stale_s: a measured contact older than this is not reported.
+    """
+
+    grip_pressure_gauge_pa: GripPressures
+    pressure_tolerance_pa: float
+    settle_dwell_s: float
+    close_timeout_s: float
+    release_timeout_s: float
+    pressure_lost_s: float
+    open_below_gauge_pa: float
+    pressure_stale_s: float
+    detection_stale_s: float
+    contact_stale_s: float
+
+    def __post_init__(self) -> None:
+        require_positive(self, "pressure_tolerance_pa", "settle_dwell_s", "close_timeout_s", "release_timeout_s")
+        require_positive(self, "pressure_lost_s", "open_below_gauge_pa", "pressure_stale_s", "detection_stale_s")
+        require_positive(self, "contact_stale_s")
+        if self.settle_dwell_s >= self.close_timeout_s:
+            raise ValueError("settle_dwell_s must be less than close_timeout_s, or no grasp ever closes")
+
+
+@dataclass(frozen=True)
+class GraspConfig:
+    """The file ``config/grasp.yaml``."""
+
+    selection: SelectionConfig
+    arbitration: ArbitrationConfig
+
+
+def load_grasp_config(name: str | Path = "grasp.yaml") -> GraspConfig:
+    """Read the grasp file ``name``.
+
+    Raises:
+        ConfigError: wrong keys or values.
+    """
+    return load_config(GraspConfig, name)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Answer to a request: whether it was accepted, and why or why not."""
+
+    accepted: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class _Situation:
+    phase: Phase
+    source: Source
+    air: Air
+    reason: str
+    mode: str = ""
+    quarter_turns: int = 0
+    mirrored: bool = False
+    object_label: str = ""
+    grasp_pose: WristPose | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Decision(_Situation):
+    """What the gripper does now.
+
+    Args:
+        phase: where the grasp stands.
+        source: who decided it; none while the gripper is idle.
+        air: what the valves have to do.
+        reason: why, for people.
+        mode, quarter_turns, mirrored: the grasp mode and how it is posed; an empty name while there is none.
+        object_label: the object the camera chose, ``unknown`` for a mode the operator asked for, else empty.
+        grasp_pose: wrist pose that lines the mode up with the object; only for the camera's grasps.
+        contact: whether an object is touched, as far as that was measured.
+        setpoint_gauge_pa: shape (16,) [Pa gauge], read-only, always finite and within 0 .. pressure limit.
+        changed: anything above differs from the previous decision.
+    """
+
+    contact: Contact
+    setpoint_gauge_pa: NDArray[np.float64]
+    changed: bool
+
+    def key_values(self) -> dict[str, str]:
+        """Return the decision as the text fields of the grasp state."""
+        return {
+            "phase": self.phase.value,
+            "mode": self.mode,
+            "quarter_turns": str(self.quarter_turns),
+            "mirrored": str(self.mirrored).lower(),
+            "source": self.source.name.lower(),
+            "object": self.object_label,
+            "contact": self.contact.value,
+            "air": self.air.value,
+            "reason": self.reason,
+        }
+
+
+_OPEN = _Situation(Phase.IDLE, Source.NONE, Air.REGULATE, "open")
+_GRASPING = (Phase.CLOSING, Phase.HOLDING)
+
+
+class Arbiter:
+    """The grasp state machine. Observations, requests and ticks may come in any order.
+
+    ``time_s`` is the caller's clock [s] at the moment of the call. A clock that jumps back (a simulation started
+    anew) neither faults nor changes the phase: time goes on from there.
+
+    Args:
+        config: pressures and times.
+        modes: the grasp modes by name.
+        selector: picks the mode of a detected object.
+        pressure_limit_gauge_pa: a chamber above it is a fault.
+
+    Raises:
+        ValueError: a mode's grip pressure is above the limit.
+    """
+
+    def __init__(
+        self,
+        config: ArbitrationConfig,
+        modes: Mapping[str, GraspMode],
+        selector: ModeSelector,
+        pressure_limit_gauge_pa: float,
+    ) -> None:
+        for name in MODE_NAMES:
+            grip_pa = getattr(config.grip_pressure_gauge_pa, name)
+            if grip_pa > pressure_limit_gauge_pa:
+                raise ValueError(
+                    f"grip_pressure_gauge_pa of {name} is {grip_pa:g} Pa, above the limit of "
+                    f"{pressure_limit_gauge_pa:g} Pa"
+                )
+        self._config = config
+        self._modes = modes
+        self._selector = selector
+        self._limit_pa = pressure_limit_gauge_pa
+        self._time_s = -math.inf
+        self._clock_offset_s = 0.0
+        self._pressure_pa = np.full(CHANNEL_COUNT, np.nan)
+        self._valid_at_s = np.full(CHANNEL_COUNT, -math.inf)
+        self._detections: tuple[DetectedObject, ...] = ()
+        self._detected_at_s = -math.inf
+        self._touching = False
+        self._touched_at_s = -math.inf
+        self._unhealthy: dict[str, str] = {}
+        self._situation = _OPEN
+        self._since_s = 0.0
+        self._settled_changed_s = 0.0
+        self._was_settled = False
+        self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
+        self._last: tuple[_Situation, Contact] | None = None
+
+    # Observations
+
+    def observe_pressures(self, time_s: float, pressure_gauge_pa: ArrayLike) -> None:
+        """Take measured chamber pressures, shape (16,) [Pa gauge]; what is not finite is no valid reading.
+
+        Raises:
+            ValueError: wrong shape.
+        """
+        pressure_pa = np.asarray(pressure_gauge_pa, dtype=float)
+        if pressure_pa.shape != (CHANNEL_COUNT,):
+            raise ValueError(f"expected {CHANNEL_COUNT} pressures, found an array of shape {pressure_pa.shape}")
+        self._advance(time_s)
+        valid = np.isfinite(pressure_pa)
+        self._pressure_pa = np.where(valid, pressure_pa, np.nan)
+        self._valid_at_s[valid] = self._time_s
+        self._update(time_s)
+
+    def observe_detections(self, time_s: float, objects: Sequence[DetectedObject]) -> None:
+        """Take what the camera sees now, nothing included."""
+        self._advance(time_s)
+        self._detections = tuple(objects)
+        self._detected_at_s = self._time_s
+
+    def observe_health(self, time_s: float, source: str, ok: bool, message: str = "") -> None:
+        """Take the health of a part the grasp depends on (sensor, valves); a fault stands until reported ok."""
+        self._advance(time_s)
+        if ok:
+            self._unhealthy.pop(source, None)
+        else:
+            self._unhealthy[source] = message
+
+    def observe_contact(self, time_s: float, touching: bool) -> None:
+        """Take a measured contact, should the gripper have a sensor for it. It is reported, and decides nothing."""
+        self._advance(time_s)
+        self._touching = touching
+        self._touched_at_s = self._time_s
+
+    # Requests
+
+    def request_mode(self, name: str, time_s: float) -> Answer:
+        """Operator: close in the mode ``name``."""
+        self._update(time_s)
+        if name not in self._modes:
+            return Answer(False, f"no mode {name!r}; modes: {', '.join(self._modes)}")
+        objection = self._objection(Source.OPERATOR)
+        if objection is not None:
+            return Answer(False, objection)
+        return self._close(
+            _Situation(
+                Phase.CLOSING, Source.OPERATOR, Air.REGULATE, f"operator asked for {name}", name, object_label="unknown"
+            )
+        )
+
+    def request_auto(self, time_s: float) -> Answer:
+        """Camera: close in the mode that suits the object in view."""
+        self._update(time_s)
+        objection = self._objection(Source.CAMERA)
+        if objection is not None:
+            return Answer(False, objection)
+        age_s = self._time_s - self._detected_at_s
+        if age_s == math.inf:
+            return Answer(False, "no detection yet; is the object detector running?")
+        if age_s > self._config.detection_stale_s:
+            return Answer(
+                False,
+                f"last detection is {age_s:.1f} s old, at most {self._config.detection_stale_s:g} s; camera running?",
+            )
+        choice = self._selector.choose(self._detections)
+        if isinstance(choice, Refusal):
+            return Answer(False, choice.reason)
+        return self._close(_chosen_by_camera(choice))
+
+    def release(self, time_s: float) -> Answer:
+        """Operator: open. In a fault it vents what the fault has kept, and the fault stays."""
+        self._update(time_s)
+        now = self._situation
+        if now.phase is Phase.IDLE:
+            return Answer(True, "already open")
+        if now.phase is Phase.RELEASING:
+            return Answer(True, "already releasing")
+        if now.phase is Phase.FAULT:
+            if now.air is Air.HOLD:
+                self._enter(replace(now, air=Air.VENT, reason=f"{now.reason}; released by the operator"))
+            return Answer(True, "venting; the fault stays until grasp/reset")
+        self._enter(replace(now, phase=Phase.RELEASING, source=Source.OPERATOR, reason="release requested"))
+        return Answer(True, "releasing")
+
+    def stop(self, time_s: float) -> Answer:
+        """Safety: vent everything at once and latch a fault."""
+        self._update(time_s)
+        self._fault("stop requested", Air.VENT)
+        return Answer(True, "stopped, venting; call grasp/reset once the pressures are down")
+
+    def reset(self, time_s: float) -> Answer:
+        """Clear a latched fault, if its cause is gone and the gripper is vented."""
+        self._update(time_s)
+        if self._situation.phase is Phase.IDLE:
+            return Answer(True, "no fault latched")
+        if self._situation.phase is not Phase.FAULT:
+            return Answer(
+                False, f"no fault latched, the gripper is {self._situation.phase.value}; grasp/release opens it"
+            )
+        if self._situation.air is Air.HOLD:
+            return Answer(False, f"the fault keeps the object ({self._situation.reason}); call grasp/release first")
+        objection = self._ill_health() or self._unreadable()
+        if objection is not None:
+            return Answer(False, f"the cause persists: {objection}")
+        up = ~(self._pressure_pa < self._config.open_below_gauge_pa)
+        if up.any():
+            return Answer(False, f"pressure is still up: {self._readings(up)}; wait until vented")
+        self._enter(replace(_OPEN, reason="fault reset"))
+        return Answer(True, "fault cleared")
+
+    # Decision
+
+    def tick(self, time_s: float) -> Decision:
+        """Return what the gripper does now. Call it at a steady rate, and after each request."""
+        self._update(time_s)
+        current = (self._situation, self._contact())
+        changed, self._last = current != self._last, current
+        return Decision(
+            **vars(self._situation), contact=current[1], setpoint_gauge_pa=self._setpoint_pa, changed=changed
+        )
+
+    # Transitions
+
+    def _update(self, time_s: float) -> None:
+        """Make the transitions that time and observations call for. Safety first."""
+        self._advance(time_s)
+        over = self._pressure_pa > self._limit_pa
+        if over.any() and not (self._situation.phase is Phase.FAULT and self._situation.air is Air.VENT):
+            self._fault(f"pressure above the limit of {self._limit_pa:g} Pa: {self._readings(over)}", Air.VENT)
+        elif self._situation.phase in _GRASPING:
+            self._while_grasping()
+        elif self._situation.phase is Phase.RELEASING:
+            self._while_releasing()
+
+    def _while_grasping(self) -> None:
+        holding = self._situation.phase is Phase.HOLDING
+        cause = self._stale() or self._ill_health()
+        if cause is not None:
+            self._fault(cause, Air.HOLD if holding else Air.VENT)
+            return
+        off = ~(np.abs(self._pressure_pa - self._setpoint_pa) <= self._config.pressure_tolerance_pa)
+        settled = not off.any()
+        if settled is not self._was_settled:
+            self._was_settled, self._settled_changed_s = settled, self._time_s
+        steady_s = self._time_s - self._settled_changed_s
+        if holding and not settled and steady_s > self._config.pressure_lost_s:
+            self._fault(f"pressure lost: {self._readings(off)}", Air.HOLD)
+        elif not holding and settled and steady_s >= self._config.settle_dwell_s:
+            self._enter(replace(self._situation, phase=Phase.HOLDING))
+        elif not holding and self._time_s - self._since_s > self._config.close_timeout_s:
+            lacking = self._readings(off) if off.any() else "not steady"
+            self._fault(f"did not reach pressure in {self._config.close_timeout_s:g} s: {lacking}", Air.VENT)
+
+    def _while_releasing(self) -> None:
+        up = ~(self._pressure_pa < self._config.open_below_gauge_pa)
+        if not up.any():
+            self._enter(replace(_OPEN, reason="released"))
+        elif self._time_s - self._since_s > self._config.release_timeout_s:
+            cause = self._stale() or self._readings(up)
+            self._fault(f"did not vent in {self._config.release_timeout_s:g} s: {cause}", Air.VENT)
+
+    def _close(self, situation: _Situation) -> Answer:
+        before = self._situation
+        self._enter(situation)
+        preempted = f", preempts the {_words(before)}" if before.phase in _GRASPING else ""
+        return Answer(True, f"closing in {situation.mode}: {situation.reason}{preempted}")
+
+    def _fault(self, cause: str, air: Air) -> None:
+        """Latch a fault; one that is latched already keeps its cause in the text."""
+        if self._situation.phase is Phase.FAULT and not self._situation.reason.startswith(cause):
+            cause = f"{cause}; before: {self._situation.reason}"
+        self._enter(replace(self._situation, phase=Phase.FAULT, source=Source.SAFETY, air=air, reason=cause))
+
+    def _enter(self, situation: _Situation) -> None:
+        if situation.air is Air.VENT or situation.phase in (Phase.IDLE, Phase.RELEASING):
+            self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
+            situation = replace(situation, grasp_pose=None)
+        elif situation.phase is Phase.CLOSING:
+            grip_pa = getattr(self._config.grip_pressure_gauge_pa, situation.mode)
+            mode = self._modes[situation.mode]
+            self._setpoint_pa = _read_only(mode.setpoints(grip_pa, situation.quarter_turns, situation.mirrored))
+            self._was_settled, self._settled_changed_s = False, self._time_s
+        if situation.phase is not self._situation.phase or situation.phase is Phase.CLOSING:
+            self._since_s = self._time_s
+        self._situation = situation
+
+    # Why not
+
+    def _objection(self, source: Source) -> str | None:
+        """Return why a grasp asked for by ``source`` must not start now, or None."""
+        now = self._situation
+        if now.phase is Phase.FAULT:
+            cure = "call grasp/release, then grasp/reset" if now.air is Air.HOLD else "call grasp/reset"
+            return f"fault latched ({now.reason}); {cure}"
+        if now.phase is Phase.RELEASING:
+            return "releasing; ask again once idle"
+        if now.phase in _GRASPING and source <= now.source:
+            return f"{_words(now)} is not preempted by the {source.name.lower()}; call grasp/release first"
+        return self._ill_health() or self._unreadable()
+
+    def _ill_health(self) -> str | None:
+        return "; ".join(f"{source}: {message or 'fault'}" for source, message in self._unhealthy.items()) or None
+
+    def _unreadable(self) -> str | None:
+        """Channels without a valid reading at this moment."""
+        missing = np.isnan(self._pressure_pa)
+        if missing.any():
+            return f"no valid pressure reading from {_channels(missing)}"
+        return self._stale()
+
+    def _stale(self) -> str | None:
+        """Channels without a valid reading for too long."""
+        stale = self._time_s - self._valid_at_s > self._config.pressure_stale_s
+        if not stale.any():
+            return None
+        return f"no valid pressure reading for more than {self._config.pressure_stale_s:g} s from {_channels(stale)}"
+
+    def _readings(self, channels: NDArray[np.bool_]) -> str:
+        return ", ".join(
+            f"{CHANNEL_NAMES[i]} at {self._pressure_pa[i]:.0f} Pa (wanted {self._setpoint_pa[i]:.0f} Pa)"
+            for i in np.flatnonzero(channels)
+        )
+
+    def _contact(self) -> Contact:
+        if self._time_s - self._touched_at_s > self._config.contact_stale_s:
+            return Contact.NOT_OBSERVABLE
+        return Contact.TOUCHING if self._touching else Contact.NOT_TOUCHING
+
+    def _advance(self, time_s: float) -> None:
+        if not math.isfinite(time_s):
+            raise ValueError(f"time must be finite, found {time_s}")
+        if time_s + self._clock_offset_s < self._time_s:
+            self._clock_offset_s = self._time_s - time_s
+        self._time_s = max(self._time_s, time_s + self._clock_offset_s)
+
+
+def _chosen_by_camera(choice: GraspChoice) -> _Situation:
+    return _Situation(
+        Phase.CLOSING,
+        Source.CAMERA,
+        Air.REGULATE,
+        choice.reason,
+        choice.mode,
+        choice.quarter_turns,
+        choice.mirrored,
+        choice.target.label,
+        choice.wrist_pose,
+    )
+
+
+def _words(situation: _Situation) -> str:
+    return f"{situation.source.name.lower()}'s {situation.mode} grasp ({situation.phase.value})"
+
+
+def _channels(mask: NDArray[np.bool_]) -> str:
+    if mask.all():
+        return f"any of the {CHANNEL_COUNT} channels"
+    return ", ".join(CHANNEL_NAMES[i] for i in np.flatnonzero(mask))
+
+
+def _read_only(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    values.flags.writeable = False
+    return values

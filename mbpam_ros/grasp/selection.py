@@ -1,0 +1,289 @@
+"""From a detected object to the grasp mode that suits it, and the wrist pose that lines the two up.
+
+Shape decides first, size second. A sphere, or a cylinder that stands upright, is round seen from the palm: envelope.
+A lying cylinder is a round rod: slender_rod from a slenderness (length over diameter) on, short_rod below it. A box
+gets mid_rod, whose fingers all close in one plane, flat on two of its faces. Length alone could not tell the paper's
+rod modes apart: with the sizes assumed here its banana (mode 1, "relatively shorter length") is 180 mm long and its
+carton (mode 3, "mid-length") 120 mm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.configuration import require_positive
+from mbpam_ros.grasp.modes import GraspMode
+from mbpam_ros.gripper import Gripper
+
+Shape = Literal["sphere", "cylinder", "box"]
+
+
+@dataclass(frozen=True)
+class SelectionConfig:
+    """Thresholds of the selection, all of ``config/grasp.yaml``.
+
+    Args:
+        slenderness_min: length over diameter from which a round rod is slender.
+        confidence_min: least confidence of a detection that may be grasped, 0..1.
+        confidence_tie: difference of confidence that does not decide between two objects.
+        width_min_m: smallest width that can be grasped.
+        offset_max_m: greatest horizontal distance of the object's centre from the palm's axis.
+        depth_min_m, depth_max_m: range of the object's centre below the palm.
+        mirror_above_deg: wrist rotation left from which the mirrored mode is considered.
+    """
+
+    slenderness_min: float
+    confidence_min: float
+    confidence_tie: float
+    width_min_m: float
+    offset_max_m: float
+    depth_min_m: float
+    depth_max_m: float
+    mirror_above_deg: float
+
+    def __post_init__(self) -> None:
+        require_positive(self, "slenderness_min", "width_min_m", "offset_max_m", "depth_min_m", "depth_max_m")
+        if not (0.0 <= self.confidence_min <= 1.0 and 0.0 <= self.confidence_tie <= 1.0):
+            raise ValueError("confidence_min and confidence_tie must lie in 0..1")
+        if self.depth_min_m >= self.depth_max_m:
+            raise ValueError(f"depth_min_m = {self.depth_min_m:g} must be less than depth_max_m")
+        if self.mirror_above_deg < 0.0:
+            raise ValueError(f"mirror_above_deg must not be negative, found {self.mirror_above_deg:g}")
+
+
+@dataclass(frozen=True)
+class DetectedObject:
+    """An object the camera sees, in ``gripper_base``, sizes as in visualization_msgs/Marker.
+
+    Args:
+        label: the detector's name for it.
+        shape: sphere, cylinder or box.
+        size_m: sphere: diameters; cylinder (axis along body z): diameter, diameter, length; box: full extents.
+        position_m: centre.
+        orientation_xyzw: quaternion of the body axes; normalised here.
+        confidence: 0..1.
+
+    Raises:
+        ValueError: an unknown shape, a size that is not positive, a number that is not finite, a zero quaternion,
+            a confidence outside 0..1.
+    """
+
+    label: str
+    shape: Shape
+    size_m: tuple[float, float, float]
+    position_m: tuple[float, float, float]
+    orientation_xyzw: tuple[float, float, float, float]
+    confidence: float
+
+    def __post_init__(self) -> None:
+        if self.shape not in get_args(Shape):
+            raise ValueError(f"{self.label}: shape {self.shape!r} is none of {', '.join(get_args(Shape))}")
+        for name, count in (("size_m", 3), ("position_m", 3), ("orientation_xyzw", 4)):
+            value = tuple(float(number) for number in getattr(self, name))
+            if len(value) != count or not all(math.isfinite(number) for number in value):
+                raise ValueError(f"{self.label}: {name} must hold {count} finite numbers, found {value}")
+            object.__setattr__(self, name, value)
+        if min(self.size_m) <= 0.0:
+            raise ValueError(f"{self.label}: size must be positive, found {self.size_m} m")
+        if not 0.0 <= self.confidence <= 1.0:
+            raise ValueError(f"{self.label}: confidence must lie in 0..1, found {self.confidence}")
+        norm = math.hypot(*self.orientation_xyzw)
+        if norm < 1e-6:
+            raise ValueError(f"{self.label}: the orientation is a zero quaternion")
+        object.__setattr__(self, "orientation_xyzw", tuple(part / norm for part in self.orientation_xyzw))
+
+    @property
+    def offset_m(self) -> float:
+        """Horizontal distance of the centre from the palm's axis [m]."""
+        return math.hypot(self.position_m[0], self.position_m[1])
+
+
+@dataclass(frozen=True)
+class WristPose:
+    """Pose in ``gripper_base`` (as it is now) to which the wrist should go: position [m], quaternion x, y, z, w."""
+
+    position_m: tuple[float, float, float]
+    orientation_xyzw: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class GraspChoice:
+    """The mode for an object.
+
+    Args:
+        target: the object.
+        mode: name of the mode.
+        quarter_turns: turn of the mode about gripper Z, in 90 deg.
+        mirrored: whether the mirrored mode is used (mirrored first, then turned).
+        wrist_rotation_rad: rotation about gripper Z left for the wrist, in (-pi/4, pi/4].
+        reason: why this mode, for people.
+    """
+
+    target: DetectedObject
+    mode: str
+    quarter_turns: int
+    mirrored: bool
+    wrist_rotation_rad: float
+    reason: str
+
+    @property
+    def wrist_pose(self) -> WristPose:
+        """Pose that puts the palm's axis through the object's centre and the mode's rod axis along the object."""
+        x, y, _ = self.target.position_m
+        half = 0.5 * self.wrist_rotation_rad
+        return WristPose((x, y, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """No grasp, and why."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class _Footprint:
+    """How an object lies, seen along gripper Z. Round: no axis, length = width."""
+
+    width_m: float
+    length_m: float
+    axis_azimuth_rad: float | None
+
+
+class ModeSelector:
+    """Picks the grasp mode of an object.
+
+    Args:
+        config: thresholds.
+        gripper: where the fingers stand, which sets the free space between them.
+        modes: the grasp modes by name.
+    """
+
+    def __init__(self, config: SelectionConfig, gripper: Gripper, modes: Mapping[str, GraspMode]) -> None:
+        self._config = config
+        self._modes = modes
+        radius, circle = gripper.geometry.outer_radius_m, gripper.finger_circle_radius_m
+        # Between four straight fingers: the round space round objects need, the gap between neighbours rods need.
+        self._free_diameter_m = 2.0 * (circle - radius)
+        self._free_gap_m = 2.0 * (circle * math.sin(math.pi / 4.0) - radius)
+
+    def select(self, target: DetectedObject) -> GraspChoice | Refusal:
+        """Return mode, turn and wrist pose for one object, or why it cannot be grasped."""
+        footprint = _footprint(target)
+        obstacle = self._obstacle(target, footprint)
+        if obstacle is not None:
+            return Refusal(f"{target.label}: {obstacle}")
+        name, why = self._mode_for(target, footprint)
+        turns, rotation = _nearest_turn(footprint.axis_azimuth_rad)
+        return GraspChoice(
+            target, name, turns, self._mirror_helps(self._modes[name], rotation), rotation, f"{target.label}: {why}"
+        )
+
+    def choose(self, targets: Sequence[DetectedObject]) -> GraspChoice | Refusal:
+        """Return the grasp of the best of several objects, or why none can be grasped.
+
+        Among those that can be grasped, the most confident wins; of those about equally confident (within
+        ``confidence_tie``) the one nearest to the palm's axis.
+        """
+        if not targets:
+            return Refusal("no object in view")
+        answers = [self.select(target) for target in targets]
+        choices = [answer for answer in answers if isinstance(answer, GraspChoice)]
+        if not choices:
+            return Refusal("no object can be grasped: " + "; ".join(answer.reason for answer in answers))
+        sure = max(choice.target.confidence for choice in choices) - self._config.confidence_tie
+        best = min((item for item in choices if item.target.confidence >= sure), key=lambda item: item.target.offset_m)
+        if len(targets) == 1:
+            return best
+        among = (
+            f"{best.reason}; chosen among {len(targets)} objects ({len(choices)} can be grasped) with confidence "
+            f"{best.target.confidence:.2f}, {1e3 * best.target.offset_m:.0f} mm off the axis"
+        )
+        return replace(best, reason=among)
+
+    def _mode_for(self, target: DetectedObject, footprint: _Footprint) -> tuple[str, str]:
+        if footprint.axis_azimuth_rad is None:
+            return "envelope", f"{target.shape} is round from above, {1e3 * footprint.width_m:.0f} mm"
+        if target.shape == "box":
+            return "mid_rod", "box, flat faces want all fingers in one plane"
+        slenderness = footprint.length_m / footprint.width_m
+        threshold = self._config.slenderness_min
+        if slenderness >= threshold:
+            return "slender_rod", f"round rod of slenderness {slenderness:.1f}, at least {threshold:g}"
+        return "short_rod", f"round rod of slenderness {slenderness:.1f}, less than {threshold:g}"
+
+    def _obstacle(self, target: DetectedObject, footprint: _Footprint) -> str | None:
+        """Return why the object is out of reach, or None."""
+        config = self._config
+        free_m = self._free_diameter_m if footprint.axis_azimuth_rad is None else self._free_gap_m
+        width_mm, length_mm, free_mm = 1e3 * footprint.width_m, 1e3 * footprint.length_m, 1e3 * free_m
+        depth_m = target.position_m[2]
+        if target.confidence < config.confidence_min:
+            return f"confidence {target.confidence:.2f} is less than {config.confidence_min:g}"
+        if footprint.width_m < config.width_min_m:
+            return f"too small: {width_mm:.1f} mm wide, at least {1e3 * config.width_min_m:g} mm needed"
+        if footprint.width_m > free_m:
+            return f"too wide: {width_mm:.1f} mm, {free_mm:.1f} mm free between the fingers"
+        if footprint.axis_azimuth_rad is not None and footprint.length_m < self._free_gap_m:
+            return f"too short: {length_mm:.1f} mm, the fingers stand {free_mm:.1f} mm apart and would miss it"
+        if target.offset_m > config.offset_max_m:
+            return f"too far off the axis: {1e3 * target.offset_m:.0f} mm, at most {1e3 * config.offset_max_m:g} mm"
+        if not config.depth_min_m <= depth_m <= config.depth_max_m:
+            return (
+                f"centre {1e3 * depth_m:.0f} mm below the palm, must be {1e3 * config.depth_min_m:g} to "
+                f"{1e3 * config.depth_max_m:g} mm"
+            )
+        return None
+
+    def _mirror_helps(self, mode: GraspMode, wrist_rotation_rad: float) -> bool:
+        """Whether the mirrored mode, not the plain one, turns a skew object toward the mode's axis.
+
+        It matters only where no arm takes the rotation out; near alignment the paper's plain mode stays.
+        """
+        skew = abs(wrist_rotation_rad) > math.radians(self._config.mirror_above_deg)
+        return skew and mode.yaw_couple * wrist_rotation_rad > 1e-9
+
+
+def _footprint(target: DetectedObject) -> _Footprint:
+    if target.shape == "sphere":
+        return _Footprint(max(target.size_m), max(target.size_m), None)
+    axes = _body_axes(target.orientation_xyzw)
+    upright = int(np.argmax(np.abs(axes[2])))
+    if target.shape == "cylinder":
+        diameter, length = max(target.size_m[:2]), target.size_m[2]
+        # A cylinder is round about z: it stands only if its axis is nearer to the vertical than 45 deg.
+        if abs(axes[2, 2]) > math.sqrt(0.5):
+            return _Footprint(diameter, diameter, None)
+        return _Footprint(diameter, length, math.atan2(axes[1, 2], axes[0, 2]))
+    long, short = sorted((axis for axis in range(3) if axis != upright), key=lambda axis: -target.size_m[axis])
+    return _Footprint(target.size_m[short], target.size_m[long], math.atan2(axes[1, long], axes[0, long]))
+
+
+def _nearest_turn(axis_azimuth_rad: float | None) -> tuple[int, float]:
+    """Return the quarter turns (0 or 1) that bring gripper Y nearest to the axis, and the rotation then left [rad].
+
+    An axis has no sense, and every mode comes back after half a turn about gripper Z or holds the same axis.
+    """
+    if axis_azimuth_rad is None:
+        return 0, 0.0
+    quarters = axis_azimuth_rad / (math.pi / 2.0) - 1.0
+    nearest = math.ceil(quarters - 0.5)
+    return nearest % 2, (quarters - nearest) * (math.pi / 2.0)
+
+
+def _body_axes(orientation_xyzw: tuple[float, float, float, float]) -> NDArray[np.float64]:
+    """Rotation matrix of a unit quaternion, shape (3, 3); its columns are the body axes in ``gripper_base``."""
+    x, y, z, w = orientation_xyzw
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )

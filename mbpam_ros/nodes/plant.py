@@ -1,0 +1,231 @@
+"""Node ``plant``: the simulated gripper in place of valves, transducers and camera."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+
+from mbpam_ros.nodes.runtime import STREAM, FatalError, GripperNode, Health, run  # isort: skip
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from numpy.typing import NDArray
+from rclpy.clock import Clock as RosClock
+from rclpy.clock import ClockType
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
+from mbpam_ros.actuator.kinematics import centreline
+from mbpam_ros.configuration import ConfigError
+from mbpam_ros.gripper import load_gripper
+from mbpam_ros.nodes.markers import WORLD_FRAME, colour, finger_markers, solid_marker
+from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, time_stamp
+from mbpam_ros.nodes.parameters import Parameter
+from mbpam_ros.nodes.plant_camera import PlantCamera
+from mbpam_ros.plant.lift import LiftAnswer
+from mbpam_ros.plant.plant import Observation, Plant, build_plant
+from mbpam_ros.plant.scene import Scene, load_scene
+from mbpam_ros.plant.tiers import PlantDivergedError, TierError
+from mbpam_ros.pneumatics.chamber import PneumaticsInputError
+from mbpam_ros.pneumatics.config import load_pneumatics
+
+PARAMETERS = (
+    Parameter("gripper", "gripper.yaml", "gripper file: muscles and layout"),
+    Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: supply, valves, chambers, transducers"),
+    Parameter("camera", "camera.yaml", "camera file: resolution, lens and pose"),
+    Parameter("scene", "bulb", "scene: a name of config/scenes or a file"),
+    Parameter("tier", "", "static or arc; empty: as the scene says"),
+    Parameter("seed", 0, "seed of all noise", 0, 2**31 - 1),
+    Parameter("rate_hz", 100.0, "rate of transducers and of the plant's ticks [Hz]", 10.0, 1000.0),
+    Parameter("camera_rate_hz", 5.0, "rate of camera images [Hz]; 0: no camera", 0.0, 60.0),
+    Parameter("marker_rate_hz", 10.0, "rate of the true shapes [Hz]", 0.1, 100.0),
+    Parameter("command_timeout_s", 0.5, "valves close when no command came for this long [s]", 0.02, 60.0),
+    Parameter("publish_clock", False, "publish simulated time on /clock"),
+    Parameter("lock_step", False, "with publish_clock: tick as soon as the valves have answered the last tick"),
+    Parameter("lock_step_timeout_s", 0.5, "lock step: tick anyway after this long [wall s]", 0.01, 60.0),
+)
+
+SLOW_FACTOR = 0.95
+"""Below this part of real time the health report warns."""
+
+CENTRELINE_POINTS = 14
+FINGER_RGB = (0.80, 0.82, 0.84)
+PALM_SIZE_M = (0.12, 0.12, 0.01)
+
+
+class PlantNode(GripperNode):
+    """Adapter around the plant's one face: step, observe, reset, lift, lower."""
+
+    def __init__(self, **node_options: object) -> None:
+        super().__init__("plant", PARAMETERS, **node_options)
+        self._gripper = load_gripper(self.value("gripper"))
+        self._scene = self._load_scene()
+        self._plant = self._build_plant()
+        self._dt_s = 1.0 / self.value("rate_hz")
+        self._arc_length_m = np.linspace(0.0, self._gripper.geometry.length_m, CENTRELINE_POINTS)
+        self._spool = np.zeros(CHANNEL_COUNT)
+        self._commanded_at_s = -np.inf
+        self._before_reset_s = 0.0
+        self._ticks = 0
+        self._stamp = self.get_clock().now().to_msg()
+        self._rate_since = (time.monotonic(), 0)
+        self._real_time_factor = 1.0
+        self._failure = ""
+
+        self._camera = PlantCamera(self, self._gripper, self._scene) if self.value("camera_rate_hz") > 0.0 else None
+        self._camera_every = max(1, round(self.value("rate_hz") / max(self.value("camera_rate_hz"), 1e-3)))
+        self._markers_every = max(1, round(self.value("rate_hz") / self.value("marker_rate_hz")))
+        self._transducers = self.create_publisher(JointState, "transducers", STREAM)
+        self._markers = self.create_publisher(MarkerArray, "plant/finger_markers", STREAM)
+        self._clock_topic = self.create_publisher(Clock, "/clock", STREAM) if self.value("publish_clock") else None
+        self.create_subscription(JointState, "valve_commands", self._on_valve_commands, STREAM)
+        self.create_service(Trigger, "plant/reset", self._on_reset)
+        self.create_service(Trigger, "plant/lift", lambda _, response: _answer(response, self._plant.lift()))
+        self.create_service(Trigger, "plant/lower", lambda _, response: _answer(response, self._plant.lower()))
+        self._lock_step = bool(self.value("lock_step"))
+        self._ticks_at_timer = -1
+        period_s = self.value("lock_step_timeout_s") if self._lock_step else self._dt_s
+        self.create_timer(period_s, self._on_timer, clock=RosClock(clock_type=ClockType.STEADY_TIME))
+
+    def health(self) -> Health:
+        """ERROR after a divergence; WARN while slower than real time."""
+        now_s = time.monotonic()
+        since_s, ticks = self._rate_since
+        if now_s - since_s > 0.5:
+            self._real_time_factor = (self._ticks - ticks) * self._dt_s / (now_s - since_s)
+            self._rate_since = (now_s, self._ticks)
+        values = {
+            "scene": self._scene.name,
+            "tier": self._scene.config.tier,
+            "time_s": f"{self._time_s():.3f}",
+            "hand_lift_m": f"{self._plant.observe().hand_lift_m:.4f}",
+            "real_time_factor": f"{self._real_time_factor:.2f}",
+        }
+        if self._failure:
+            return Health(DiagnosticStatus.ERROR, self._failure, values)
+        if self._real_time_factor < SLOW_FACTOR:
+            message = f"slower than real time: factor {self._real_time_factor:.2f}"
+            return Health(DiagnosticStatus.WARN, message, values)
+        return Health(message="running", values=values)
+
+    def _load_scene(self) -> Scene:
+        scene = load_scene(self.value("scene"))
+        if self.value("tier"):
+            scene = dataclasses.replace(scene, config=dataclasses.replace(scene.config, tier=self.value("tier")))
+        ratio = 1.0 / (self.value("rate_hz") * scene.config.sub_step_s)
+        if abs(ratio - round(ratio)) > 1e-6 or ratio < 1.0:
+            raise ConfigError(
+                f"plant: rate_hz = {self.value('rate_hz'):g} gives ticks that are not a whole multiple of the scene's "
+                f"sub-step of {scene.config.sub_step_s:g} s"
+            )
+        if self.value("lock_step") and not self.value("publish_clock"):
+            raise ConfigError("plant: lock_step needs publish_clock")
+        return scene
+
+    def _build_plant(self) -> Plant:
+        pneumatics = load_pneumatics(self.value("pneumatics"))
+        try:
+            return build_plant(self._scene, self._gripper, pneumatics, seed=self.value("seed"))
+        except (TierError, PneumaticsInputError) as error:
+            raise ConfigError(f"scene {self._scene.name}: {error}") from error
+
+    # Ticks
+
+    def _on_timer(self) -> None:
+        """Tick; in lock step only if nothing has ticked since the last time-out."""
+        if not self._lock_step or self._ticks == self._ticks_at_timer:
+            self._tick()
+        self._ticks_at_timer = self._ticks
+
+    def _on_valve_commands(self, message: JointState) -> None:
+        try:
+            spool = named_values(message, CHANNEL_NAMES, "position")
+            if not (np.abs(spool) <= 1.0).all():
+                raise MessageError("a spool opening that is not within -1 .. 1")
+        except MessageError as error:
+            self.refuse("valve_commands", error)
+            return
+        self._spool, self._commanded_at_s = spool, self._time_s()
+        if self._lock_step and message.header.stamp == self._stamp:
+            self._tick()
+
+    def _tick(self) -> None:
+        if self._time_s() - self._commanded_at_s > self.value("command_timeout_s"):
+            self._spool = np.zeros(CHANNEL_COUNT)
+        try:
+            self._plant.step(self._spool, self._dt_s)
+        except PlantDivergedError as error:
+            self._failure = str(error)
+            self.publish_health()
+            raise FatalError(self._failure) from error
+        self._ticks += 1
+        self._publish_tick()
+
+    def _publish_tick(self) -> None:
+        if self._clock_topic is None:
+            self._stamp = self.get_clock().now().to_msg()
+        else:
+            self._stamp = time_stamp(self._time_s())
+            self._clock_topic.publish(Clock(clock=self._stamp))
+        observation = self._plant.observe()
+        if self._camera is not None:
+            if self._ticks % self._camera_every == 0:
+                self._camera.expose(observation, self._centrelines(observation), self._stamp)
+            self._camera.publish_finished(wait=self._lock_step)
+        if self._ticks % self._markers_every == 0 and self._markers.get_subscription_count() > 0:
+            self._publish_markers(observation)
+        self._transducers.publish(joint_state(self._stamp, CHANNEL_NAMES, effort=observation.transducer_v))
+
+    def _time_s(self) -> float:
+        """Simulated time [s]; a reset of the scene does not set it back."""
+        return self._before_reset_s + self._plant.time_s
+
+    # Truth
+
+    def _centrelines(self, observation: Observation) -> NDArray[np.float64]:
+        """Centre lines of the fingers in ``gripper_base``, shape (4, n, 3) [m]."""
+        lines = centreline(observation.bend_rad, self._gripper.geometry, self._arc_length_m)
+        return lines + self._gripper.finger_base_m[:, None, :]
+
+    def _publish_markers(self, observation: Observation) -> None:
+        rise = np.array([0.0, 0.0, -observation.hand_lift_m])
+        radius_m = self._gripper.geometry.outer_radius_m
+        markers = finger_markers(self._stamp, WORLD_FRAME, self._centrelines(observation) + rise, radius_m, FINGER_RGB)
+        upright = (0.0, 0.0, 0.0, 1.0)
+        palm = rise - (0.0, 0.0, PALM_SIZE_M[2] / 2.0)
+        grey = colour((0.3, 0.3, 0.3))
+        markers.append(solid_marker(self._stamp, WORLD_FRAME, "palm", 0, "box", PALM_SIZE_M, palm, upright, grey))
+        body, spec = observation.object_in_world, self._scene.object
+        if body is not None:
+            pose = (body.position_m, body.orientation_xyzw)
+            rgba = colour(spec.colour_rgb)
+            markers.append(
+                solid_marker(self._stamp, WORLD_FRAME, "object", 0, spec.shape, spec.size_m, *pose, rgba)
+            )
+        self._markers.publish(MarkerArray(markers=markers))
+
+    # Services
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._before_reset_s += self._plant.time_s
+        self._plant.reset()
+        self._spool = np.zeros(CHANNEL_COUNT)
+        response.success, response.message = True, f"scene {self._scene.name} is back at its start"
+        return response
+
+
+def _answer(response: Trigger.Response, answer: LiftAnswer) -> Trigger.Response:
+    response.success, response.message = answer.accepted, answer.reason
+    return response
+
+
+def main() -> int:
+    """Run the node until a signal."""
+    return run(PlantNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,135 @@
+"""The plant's camera: renders beside the plant's own thread and publishes what is finished."""
+
+from __future__ import annotations
+
+import array
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo, Image
+
+from mbpam_ros.gripper import Gripper
+from mbpam_ros.nodes.runtime import STREAM, GripperNode
+from mbpam_ros.plant.plant import Observation
+from mbpam_ros.plant.scene import Scene
+from mbpam_ros.vision.camera import camera_intrinsics, load_camera_config
+from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
+
+OPTICAL_FRAME = "camera_optical"
+DEFAULT_FLOOR_DEPTH_M = 0.5
+STILL_BEND_RAD = 1e-3
+STILL_DISTANCE_M = 1e-4
+
+
+class PlantCamera:
+    """Camera images of the simulated scene on ``camera/image_raw`` and ``camera/camera_info``.
+
+    One frame is rendered at a time in a thread of its own, so that a slow frame delays no transducer; a frame asked
+    for meanwhile is dropped, as a camera would. A scene that has not moved since the last frame is not rendered anew.
+
+    Args:
+        node: publishes for it; its parameters ``camera`` and ``seed`` are read.
+        gripper: size of the fingers.
+        scene: the object and its support.
+    """
+
+    def __init__(self, node: GripperNode, gripper: Gripper, scene: Scene) -> None:
+        config = load_camera_config(node.value("camera"))
+        self._renderer = Renderer.from_config(config)
+        self._rng = np.random.default_rng(node.value("seed"))
+        self._finger_radius_m = gripper.geometry.outer_radius_m
+        self._scene = scene
+        self._info = _camera_info(camera_intrinsics(config))
+        self._images = node.create_publisher(Image, "camera/image_raw", STREAM)
+        self._infos = node.create_publisher(CameraInfo, "camera/camera_info", STREAM)
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="camera")
+        self._exposure: tuple[Future[NDArray[np.uint8]], Time] | None = None
+        self._last_pose: NDArray[np.float64] | None = None
+        self._last_data: array.array | None = None
+
+    def expose(self, observation: Observation, centreline_m: NDArray[np.float64], stamp: Time) -> None:
+        """Start a frame of what is seen now, unless nobody looks or the last frame is not finished.
+
+        Args:
+            centreline_m: of the fingers in ``gripper_base``, shape (4, n, 3).
+        """
+        if self._images.get_subscription_count() == 0 or self._exposure is not None:
+            return
+        pose = _pose_vector(observation)
+        if self._last_data is not None and _is_still(pose, self._last_pose):
+            self._publish(self._last_data, stamp)
+            return
+        self._last_pose = pose
+        view = self._view(observation, centreline_m)
+        self._exposure = self._thread.submit(self._renderer.render, view, self._rng), stamp
+
+    def publish_finished(self, wait: bool) -> None:
+        """Publish the frame begun before if it is finished, or once it is (``wait``)."""
+        if self._exposure is None or not (wait or self._exposure[0].done()):
+            return
+        future, stamp = self._exposure
+        self._exposure = None
+        self._last_data = array.array("B", future.result().tobytes())
+        self._publish(self._last_data, stamp)
+
+    def _publish(self, data: array.array, stamp: Time) -> None:
+        self._info.header.stamp = stamp
+        image = Image(encoding="rgb8", height=self._info.height, width=self._info.width, is_bigendian=0)
+        image.header.stamp, image.header.frame_id = stamp, OPTICAL_FRAME
+        image.step = 3 * self._info.width
+        image.data = data
+        self._infos.publish(self._info)
+        self._images.publish(image)
+
+    def _view(self, observation: Observation, centreline_m: NDArray[np.float64]) -> SceneView:
+        """The scene in ``gripper_base``; the support sinks when the hand is raised."""
+        rise_m = observation.hand_lift_m
+        support = self._scene.config.support
+        stand: dict[str, object] = {}
+        if support is None:
+            depth_m = DEFAULT_FLOOR_DEPTH_M
+        else:
+            depth_m = support.depth_m + rise_m
+            if support.half_size_m is not None:
+                stand = {
+                    "support_half_size_m": support.half_size_m,
+                    "floor_depth_m": depth_m + support.stand_height_m,
+                }
+        solids: tuple[ColouredSolid, ...] = ()
+        body, spec = observation.object_in_gripper, self._scene.object
+        if body is not None:
+            solids = (
+                ColouredSolid(spec.shape, spec.size_m, body.position_m, body.orientation_xyzw, spec.colour_rgb),
+            )
+        return SceneView(
+            support_depth_m=depth_m,
+            solids=solids,
+            finger_centrelines_m=centreline_m,
+            finger_radius_m=self._finger_radius_m,
+            **stand,
+        )
+
+
+def _camera_info(intrinsics: object) -> CameraInfo:
+    info = CameraInfo(width=intrinsics.width_px, height=intrinsics.height_px, distortion_model="plumb_bob")
+    info.header.frame_id = OPTICAL_FRAME
+    info.d = [0.0] * 5
+    info.k = intrinsics.matrix.ravel()
+    info.r = np.eye(3).ravel()
+    info.p = np.column_stack([intrinsics.matrix, np.zeros(3)]).ravel()
+    return info
+
+
+def _pose_vector(observation: Observation) -> NDArray[np.float64]:
+    """Everything the view depends on, scaled so that 1 is a change worth a new frame."""
+    parts = [observation.bend_rad.ravel() / STILL_BEND_RAD, [observation.hand_lift_m / STILL_DISTANCE_M]]
+    if observation.object_in_gripper is not None:
+        parts.append(observation.object_in_gripper.position_m / STILL_DISTANCE_M)
+        parts.append(observation.object_in_gripper.orientation_xyzw / STILL_BEND_RAD)
+    return np.concatenate(parts)
+
+
+def _is_still(pose: NDArray[np.float64], last: NDArray[np.float64] | None) -> bool:
+    return last is not None and bool(np.abs(pose - last).max() < 1.0)

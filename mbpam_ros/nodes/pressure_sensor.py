@@ -1,0 +1,114 @@
+"""Node ``pressure_sensor``: transducer voltages to pressures, with a verdict on every channel."""
+
+from __future__ import annotations
+
+import sys
+
+from mbpam_ros.nodes.runtime import STREAM, GripperNode, Health, run  # isort: skip
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import FluidPressure, JointState
+from std_srvs.srv import Trigger
+
+from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_NAMES, FINGER_COUNT
+from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, seconds, time_stamp
+from mbpam_ros.nodes.parameters import Parameter
+from mbpam_ros.nodes.stamps import StampClock
+from mbpam_ros.pneumatics.config import load_pneumatics
+from mbpam_ros.pneumatics.sensing import ChannelStatus, PressureReading, PressureSensing, SensingInputError, ZeroRefused
+
+PARAMETERS = (
+    Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: transducers and how their volts are read"),
+    Parameter("ambient_pressure_pa", 101325.0, "absolute ambient pressure [Pa]", 5e4, 1.2e5, changeable=True),
+    Parameter("fluid_pressure_rate_hz", 10.0, "rate of the FluidPressure topics [Hz]", 0.1, 100.0),
+)
+
+
+class PressureSensorNode(GripperNode):
+    """Adapter around :class:`PressureSensing`."""
+
+    def __init__(self, **node_options: object) -> None:
+        super().__init__("pressure_sensor", PARAMETERS, **node_options)
+        config = load_pneumatics(self.value("pneumatics"))
+        self._sensing = PressureSensing(config.sensing, config.transducer)
+        self._missing_time_s = config.sensing.missing_time_s
+        self._clock_of_samples = StampClock()
+        self._reading: PressureReading | None = None
+
+        self._states = self.create_publisher(JointState, "chamber_states", STREAM)
+        self._fluid = [self.create_publisher(FluidPressure, topic, STREAM) for topic in _fluid_topics()]
+        self.create_subscription(JointState, "transducers", self._on_transducers, STREAM)
+        self.create_service(Trigger, "pressure_sensor/zero", self._on_zero)
+        self.create_timer(1.0 / self.value("fluid_pressure_rate_hz"), self._publish_fluid_pressures)
+        self.create_timer(self._missing_time_s, self._on_silence)
+
+    def health(self) -> Health:
+        """ERROR while a channel has no valid reading; the values say which and why."""
+        if self._reading is None:
+            return Health(DiagnosticStatus.ERROR, "no transducer voltages received on 'transducers'")
+        faults = {
+            name: status.value
+            for name, status in zip(CHANNEL_NAMES, self._reading.status, strict=True)
+            if status is not ChannelStatus.OK
+        }
+        if faults:
+            return Health(DiagnosticStatus.ERROR, f"no valid reading from {len(faults)} of 16 channels", faults)
+        return Health(message="16 channels valid")
+
+    def _on_transducers(self, message: JointState) -> None:
+        try:
+            volts = named_values(message, CHANNEL_NAMES, "effort")
+            time_s = self._clock_of_samples.sample(seconds(message.header.stamp), self.now_s())
+            self._reading = self._sensing.update(time_s, volts)
+        except (MessageError, SensingInputError) as error:
+            self.refuse("transducers", error)
+            return
+        self._states.publish(joint_state(message.header.stamp, CHANNEL_NAMES, effort=self._reading.pressure_gauge_pa))
+        self.publish_health_change()
+
+    def _on_silence(self) -> None:
+        """Say that the channels are missing when no voltages come any more."""
+        if self._reading is None or self._clock_of_samples.age(self.now_s()) <= self._missing_time_s:
+            return
+        self._reading = self._sensing.check(self._clock_of_samples.time(self.now_s()))
+        stamp = time_stamp(self._reading.time_s)
+        self._states.publish(joint_state(stamp, CHANNEL_NAMES, effort=self._reading.pressure_gauge_pa))
+        self.publish_health_change()
+
+    def _publish_fluid_pressures(self) -> None:
+        """Publish absolute pressure: FluidPressure is absolute by its definition, all else here is gauge."""
+        if self._reading is None:
+            return
+        ambient_pa = self.value("ambient_pressure_pa")
+        for i, publisher in enumerate(self._fluid):
+            if publisher.get_subscription_count() == 0:
+                continue
+            message = FluidPressure()
+            message.header.stamp = time_stamp(self._reading.time_s)
+            message.header.frame_id = CHANNEL_NAMES[i]
+            message.fluid_pressure = float(self._reading.pressure_gauge_pa[i] + ambient_pa)
+            message.variance = float(self._reading.variance_pa2[i])
+            publisher.publish(message)
+
+    def _on_zero(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            correction_pa = self._sensing.zero()
+        except ZeroRefused as refusal:
+            response.success, response.message = False, str(refusal)
+        else:
+            response.success = True
+            response.message = f"zeroed; largest correction {abs(correction_pa).max():.0f} Pa"
+        return response
+
+
+def _fluid_topics() -> list[str]:
+    chambers = range(1, CHAMBERS_PER_FINGER + 1)
+    return [f"chamber_{finger}_{chamber}/pressure" for finger in range(1, FINGER_COUNT + 1) for chamber in chambers]
+
+
+def main() -> int:
+    """Run the node until a signal."""
+    return run(PressureSensorNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

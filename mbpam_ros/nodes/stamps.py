@@ -1,0 +1,38 @@
+"""One time line from message stamps and the node's own clock."""
+
+from __future__ import annotations
+
+RESTART_S = 1.0
+
+
+class StampClock:
+    """Time of the samples on one topic, for code that must know how old the last one is.
+
+    Samples count by their stamps, so that what is computed from them does not depend on when they were delivered;
+    between samples time goes on with the node's clock. The two differ by the transport's delay, so a stamp a little
+    before a moment already reported counts as that moment. A stamp more than 1 s back is a clock started anew and is
+    passed on as it is.
+    """
+
+    def __init__(self) -> None:
+        self._time_s: float | None = None
+        self._stamp_s = 0.0
+        self._received_s = 0.0
+
+    def sample(self, stamp_s: float, now_s: float) -> float:
+        """Return the time of a sample stamped ``stamp_s`` and received at ``now_s`` [s]."""
+        self._stamp_s, self._received_s = stamp_s, now_s
+        restarted = self._time_s is None or stamp_s < self._time_s - RESTART_S
+        self._time_s = stamp_s if restarted else max(stamp_s, self._time_s)
+        return self._time_s
+
+    def age(self, now_s: float) -> float:
+        """Return how long ago the last sample was received [s]; infinite if there was none."""
+        return float("inf") if self._time_s is None else max(0.0, now_s - self._received_s)
+
+    def time(self, now_s: float) -> float:
+        """Return the time at ``now_s`` without a new sample [s]; the node's clock if there never was one."""
+        if self._time_s is None:
+            return now_s
+        self._time_s = max(self._time_s, self._stamp_s + self.age(now_s))
+        return self._time_s

@@ -1,0 +1,110 @@
+"""Node ``state_estimator``: measured pressures to bends, tip poses and available forces."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+from mbpam_ros.nodes.runtime import STREAM, GripperNode, Health, run  # isort: skip
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseArray
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
+
+from mbpam_ros.actuator.chambers import BEND_NAMES, CHANNEL_COUNT, CHANNEL_NAMES, FINGER_NAMES
+from mbpam_ros.configuration import ConfigError, load_config
+from mbpam_ros.estimation.estimator import BendEstimator, EstimatorConfig, GripperEstimate
+from mbpam_ros.gripper import load_gripper
+from mbpam_ros.nodes.markers import BASE_FRAME, finger_markers
+from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, pose, seconds
+from mbpam_ros.nodes.parameters import Parameter
+
+PARAMETERS = (
+    Parameter("gripper", "gripper.yaml", "gripper file: design, metamodel, target and layout"),
+    Parameter("estimator", "estimator.yaml", "estimator file: lag of the bend, drawn points"),
+    Parameter("metamodel", "", "prs, rbf or krg; empty: as the gripper file says"),
+    Parameter("pressure_sigma_pa", 100.0, "one sigma of a measured pressure [Pa]", 0.0, 1e5, changeable=True),
+    Parameter("marker_rate_hz", 10.0, "rate of finger_markers [Hz]", 0.1, 100.0),
+)
+
+
+class StateEstimatorNode(GripperNode):
+    """Adapter around :class:`BendEstimator`."""
+
+    def __init__(self, **node_options: object) -> None:
+        super().__init__("state_estimator", PARAMETERS, **node_options)
+        gripper = load_gripper(self.value("gripper"))
+        if self.value("metamodel"):
+            gripper = replace(gripper, metamodel=self.value("metamodel"))
+        self._gripper = gripper
+        config = load_config(EstimatorConfig, self.value("estimator"))
+        try:
+            self._estimator = BendEstimator.for_gripper(gripper, config)
+        except ValueError as error:
+            raise ConfigError(f"state_estimator: parameter metamodel: {error}") from error
+        self._estimate: GripperEstimate | None = None
+
+        self._joints = self.create_publisher(JointState, "joint_states", STREAM)
+        self._tips = self.create_publisher(PoseArray, "finger_tips", STREAM)
+        self._forces = self.create_publisher(JointState, "finger_forces", STREAM)
+        self._markers = self.create_publisher(MarkerArray, "finger_markers", STREAM)
+        self.create_subscription(JointState, "chamber_states", self._on_chamber_states, STREAM)
+        self.create_timer(1.0 / self.value("marker_rate_hz"), self._publish_markers)
+
+    def health(self) -> Health:
+        """ERROR while a finger's state is not known."""
+        values = {"metamodel": self._gripper.metamodel, "target": self._gripper.target}
+        if self._estimate is None:
+            return Health(DiagnosticStatus.ERROR, "no pressures received on 'chamber_states'", values)
+        unknown = np.flatnonzero(np.isnan(self._estimate.bend_rad).any(axis=1))
+        if len(unknown):
+            names = ", ".join(FINGER_NAMES[i] for i in unknown)
+            return Health(DiagnosticStatus.ERROR, f"state not known: {names}", values)
+        values["bend_sigma_max_deg"] = f"{np.degrees(self._estimate.bend_sigma_rad.max()):.2f}"
+        return Health(message="4 fingers estimated", values=values)
+
+    def _on_chamber_states(self, message: JointState) -> None:
+        variance_pa2 = np.full(CHANNEL_COUNT, self.value("pressure_sigma_pa") ** 2)
+        try:
+            pressure_gauge_pa = named_values(message, CHANNEL_NAMES, "effort")
+            self._estimate = self._estimator.update(seconds(message.header.stamp), pressure_gauge_pa, variance_pa2)
+        except (MessageError, ValueError) as error:
+            self.refuse("chamber_states", error)
+            return
+        self._publish(message)
+        self.publish_health_change()
+
+    def _publish(self, message: JointState) -> None:
+        estimate, stamp = self._estimate, message.header.stamp
+        bend, rate, moment = (
+            field.reshape(-1) for field in (estimate.bend_rad, estimate.bend_rate_rad_s, estimate.moment_n_m)
+        )
+        self._joints.publish(joint_state(stamp, BEND_NAMES, position=bend, velocity=rate, effort=moment))
+        self._forces.publish(
+            joint_state(stamp, FINGER_NAMES, position=estimate.bend_sigma_rad, effort=estimate.tip_force_n)
+        )
+        tips = PoseArray()
+        tips.header.stamp, tips.header.frame_id = stamp, BASE_FRAME
+        tips.poses = [
+            pose(position, orientation)
+            for position, orientation in zip(estimate.tip_position_m, estimate.tip_orientation_xyzw, strict=True)
+        ]
+        self._tips.publish(tips)
+
+    def _publish_markers(self) -> None:
+        if self._estimate is None or self._markers.get_subscription_count() == 0:
+            return
+        lines = self._estimator.centrelines(self._estimate.bend_rad)
+        stamp = self.get_clock().now().to_msg()
+        radius_m = self._gripper.geometry.outer_radius_m
+        self._markers.publish(MarkerArray(markers=finger_markers(stamp, BASE_FRAME, lines, radius_m, (0.2, 0.6, 1.0))))
+
+
+def main() -> int:
+    """Run the node until a signal."""
+    return run(StateEstimatorNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,175 @@
+"""The six nodes as six operating-system processes, and an operator that talks to them as a user would."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+
+NODES = ("plant", "pressure_sensor", "valve_controller", "state_estimator", "object_detector", "grasp_arbiter")
+"""The executables of a gripper, in the order of the data flow."""
+
+STOP_TIMEOUT_S = 5.0
+
+
+class NodeSystemError(RuntimeError):
+    """A node process ended unexpectedly, or something awaited did not happen in time."""
+
+
+class NodeProcesses:
+    """Node executables as processes; stops them when the ``with`` block ends.
+
+    Args:
+        log_directory: where each node's output goes, as ``<node>.log``.
+        arguments: ROS arguments by executable, e.g. ``{"plant": ["-p", "scene:=bulb"]}``.
+        common: ROS arguments for all, e.g. ``["-r", "__ns:=/left"]``.
+        executables: which to start.
+        environment: variables on top of this process's.
+    """
+
+    def __init__(
+        self,
+        log_directory: Path,
+        arguments: Mapping[str, Sequence[str]] | None = None,
+        common: Sequence[str] = (),
+        executables: Sequence[str] = NODES,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        self._log_directory = log_directory
+        self._arguments = arguments or {}
+        self._common = list(common)
+        self._executables = tuple(executables)
+        self._environment = {**os.environ, **(environment or {})}
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> NodeProcesses:
+        self._log_directory.mkdir(parents=True, exist_ok=True)
+        for executable in self._executables:
+            self.start(executable)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def start(self, executable: str) -> None:
+        """Start (again) one executable."""
+        arguments = ["--ros-args", *self._common, *self._arguments.get(executable, ())]
+        with self.log(executable).open("ab") as log:
+            self.processes[executable] = subprocess.Popen(
+                [*_command(executable), *arguments], stdout=log, stderr=subprocess.STDOUT, env=self._environment
+            )
+
+    def log(self, executable: str) -> Path:
+        """Return the log file of an executable."""
+        return self._log_directory / f"{executable}.log"
+
+    def check(self) -> None:
+        """Raise NodeSystemError with the last lines of its log if a process has ended."""
+        for executable, process in self.processes.items():
+            if process.poll() is not None:
+                last = self.log(executable).read_text(errors="replace").strip().splitlines()[-3:]
+                raise NodeSystemError(f"{executable} ended with code {process.returncode}: {' | '.join(last)}")
+
+    def stop(self, stop_signal: signal.Signals = signal.SIGINT) -> dict[str, int]:
+        """Ask every process to end, kill what does not within 5 s, and return the exit codes."""
+        for process in self.processes.values():
+            if process.poll() is None:
+                process.send_signal(stop_signal)
+        deadline = time.monotonic() + STOP_TIMEOUT_S
+        for process in self.processes.values():
+            try:
+                process.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        return {executable: process.returncode for executable, process in self.processes.items()}
+
+
+class Operator:
+    """A node of our own beside the running system: it listens, calls services, and waits on predicates.
+
+    Args:
+        node_name: its ROS name.
+        namespace: the gripper's namespace.
+        idle: called between spins, e.g. to draw progress and to check the processes; may raise.
+    """
+
+    def __init__(
+        self, node_name: str, namespace: str = "", idle: Callable[[], None] = lambda: None, domain_id: int | None = None
+    ) -> None:
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain_id)
+        self.node = Node(node_name, context=self._context, namespace=namespace, use_global_arguments=False)
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._idle = idle
+        self.health: dict[str, tuple[bytes, str, dict[str, str]]] = {}
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def spin(self, timeout_s: float = 0.02) -> None:
+        """Handle what has arrived, waiting at most ``timeout_s``, then call ``idle``."""
+        self._executor.spin_once(timeout_sec=timeout_s)
+        self._idle()
+
+    def wait_for(self, predicate: Callable[[], bool], timeout_s: float, what: str) -> None:
+        """Spin until ``predicate`` holds.
+
+        Raises:
+            NodeSystemError: it did not within ``timeout_s``.
+        """
+        deadline = time.monotonic() + timeout_s
+        while not predicate():
+            if time.monotonic() > deadline:
+                raise NodeSystemError(f"{what}: not within {timeout_s:g} s")
+            self.spin()
+
+    def call(self, service_type: type, name: str, request: object = None, timeout_s: float = 10.0) -> object:
+        """Call a service and return its response; waits for the server and for a real answer.
+
+        Raises:
+            NodeSystemError: no answer within ``timeout_s``.
+        """
+        client = self.node.create_client(service_type, name)
+        try:
+            self.wait_for(client.service_is_ready, timeout_s, f"service {name}")
+            future = client.call_async(request if request is not None else service_type.Request())
+            self.wait_for(future.done, timeout_s, f"answer of {name}")
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def wait_for_nodes(self, names: Sequence[str] = NODES, timeout_s: float = 60.0) -> None:
+        """Wait until every node has reported its health."""
+        prefix = self.node.get_namespace().rstrip("/")
+        wanted = {f"{prefix}/{name}" for name in names}
+        self.wait_for(lambda: wanted <= self.health.keys(), timeout_s, f"health of {', '.join(sorted(wanted))}")
+
+    def _on_diagnostics(self, report: DiagnosticArray) -> None:
+        for status in report.status:
+            values = {item.key: item.value for item in status.values}
+            self.health[status.name] = (status.level, status.message, values)
+
+
+def _command(executable: str) -> list[str]:
+    """The installed executable beside the running one, else the module."""
+    beside = Path(sys.argv[0]).resolve().parent / executable
+    if beside.is_file() and os.access(beside, os.X_OK):
+        return [str(beside)]
+    return [sys.executable, "-m", f"mbpam_ros.nodes.{executable}"]

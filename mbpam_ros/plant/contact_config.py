@@ -1,0 +1,53 @@
+"""Constants of a kind of contact; what they mean is in :mod:`~mbpam_ros.plant.contact`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.configuration import require_positive
+
+
+@dataclass(frozen=True)
+class ContactConfig:
+    """One kind of contact.
+
+    Args:
+        stiffness_n_m: penalty stiffness of the pair.
+        damping_n_s_m: viscous damping of the pair along the normal.
+        friction_coefficient: Coulomb's mu.
+        spin_length_m: torque about the normal over mu times the normal force; 2/3 of the patch radius.
+        roll_length_m: rolling torque over the normal force; 0 for none.
+        slip_speed_m_s: speed below which a contact sticks (and creeps, in proportion to its load).
+        slip_rate_rad_s: the same for spin and rolling.
+    """
+
+    stiffness_n_m: float
+    damping_n_s_m: float
+    friction_coefficient: float
+    spin_length_m: float
+    roll_length_m: float
+    slip_speed_m_s: float
+    slip_rate_rad_s: float
+
+    def __post_init__(self) -> None:
+        require_positive(self, "stiffness_n_m", "slip_speed_m_s", "slip_rate_rad_s")
+        for name in ("damping_n_s_m", "friction_coefficient", "spin_length_m", "roll_length_m"):
+            if getattr(self, name) < 0.0:
+                raise ValueError(f"{name} must not be negative, found {getattr(self, name)}")
+
+    def law(self) -> NDArray[np.float64]:
+        """Return the row of coefficients the compiled force law reads, shape (7,)."""
+        return np.array(
+            [
+                self.stiffness_n_m,
+                self.damping_n_s_m,
+                self.friction_coefficient,
+                self.friction_coefficient * self.spin_length_m,
+                self.roll_length_m,
+                self.slip_speed_m_s,
+                self.slip_rate_rad_s,
+            ]
+        )

@@ -1,0 +1,180 @@
+"""What is in a scene: the object, what it rests on, gravity, the lift, and how it shall be computed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.configuration import ConfigError, config_directory, load_config, require_positive
+from mbpam_ros.plant.lift import LiftConfig
+
+
+@dataclass(frozen=True)
+class ObjectSpec:
+    """A kind of object.
+
+    Args:
+        shape: sphere, cylinder (axis along body z) or box.
+        size_m: diameters; diameter, diameter, length; or full extents.
+        mass_kg: of the homogeneous solid.
+        colour_rgb: to render it in, 0 to 1.
+        label: what a person calls it.
+        expected_mode: the grasp mode the paper used, for reports only.
+    """
+
+    shape: Literal["sphere", "cylinder", "box"]
+    size_m: tuple[float, float, float]
+    mass_kg: float
+    colour_rgb: tuple[float, float, float]
+    label: str
+    expected_mode: str
+
+    def __post_init__(self) -> None:
+        require_positive(self, "size_m", "mass_kg")
+        x, y, z = self.size_m
+        if (self.shape != "box" and x != y) or (self.shape == "sphere" and x != z):
+            raise ValueError(f"size_m = {self.size_m} is not round as a {self.shape} must be")
+        if not all(0.0 <= value <= 1.0 for value in self.colour_rgb):
+            raise ValueError(f"colour_rgb must lie in 0 to 1, found {self.colour_rgb}")
+
+
+@dataclass(frozen=True)
+class ObjectCatalogue:
+    """The objects a scene may name."""
+
+    objects: dict[str, ObjectSpec]
+
+
+@dataclass(frozen=True)
+class SupportConfig:
+    """What the object rests on: a table, or a slim stand on a table.
+
+    Args:
+        depth_m: depth of the top under the palm before the hand is raised.
+        half_size_m: half extents of a stand's top along x and y, centred under the palm; none for a table. Fingers
+            pass by a stand without touching it.
+        stand_height_m: height of the stand's top over the table it stands on; given with ``half_size_m``.
+    """
+
+    depth_m: float
+    half_size_m: tuple[float, float] | None = None
+    stand_height_m: float | None = None
+
+    def __post_init__(self) -> None:
+        require_positive(self, "depth_m")
+        if (self.half_size_m is None) != (self.stand_height_m is None):
+            raise ValueError("half_size_m and stand_height_m describe a stand: give both, or none for a table")
+        if self.half_size_m is not None:
+            require_positive(self, "half_size_m", "stand_height_m")
+
+    @property
+    def planes_m(self) -> NDArray[np.float64]:
+        """Rows (depth, half size x, half size y) of the level planes, uppermost first, the table (endless) last."""
+        if self.half_size_m is None:
+            return np.array([[self.depth_m, np.inf, np.inf]])
+        return np.array([[self.depth_m, *self.half_size_m], [self.depth_m + self.stand_height_m, np.inf, np.inf]])
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """A scene file. World frame: ``gripper_base`` at the start, z down.
+
+    Args:
+        object: name in ``objects.yaml``; none for an empty scene.
+        object_position_m: centre of the object at the start; given with ``object``.
+        object_yaw_rad: turn about z; 0 lays a rod along y.
+        tier: how the muscles are computed: static or arc.
+        sub_step_s: step of the computation.
+        pneumatics: model of valves and chambers; none for that of ``pneumatics.yaml``.
+        gravity_m_s2: acceleration along +z.
+        support: what the object rests on.
+        lift: travel of the hand.
+        friction_coefficient: of fingers on the object; none for that of ``plant.yaml``.
+        contact_stiffness_n_m: of fingers on the object; none for that of ``plant.yaml``.
+    """
+
+    object: str | None
+    object_position_m: tuple[float, float, float] | None
+    object_yaw_rad: float
+    tier: str
+    sub_step_s: float
+    pneumatics: str | None
+    gravity_m_s2: float
+    support: SupportConfig | None
+    lift: LiftConfig
+    friction_coefficient: float | None = None
+    contact_stiffness_n_m: float | None = None
+
+    def __post_init__(self) -> None:
+        require_positive(self, "sub_step_s")
+        if (self.object is None) != (self.object_position_m is None):
+            raise ValueError("object and object_position_m must both be given or both be null")
+        if self.friction_coefficient is not None and self.friction_coefficient < 0.0:
+            raise ValueError(f"friction_coefficient must not be negative, found {self.friction_coefficient}")
+        if self.contact_stiffness_n_m is not None:
+            require_positive(self, "contact_stiffness_n_m")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene file together with the object it names."""
+
+    name: str
+    config: SceneConfig
+    object: ObjectSpec | None
+
+    @property
+    def object_orientation_xyzw(self) -> NDArray[np.float64]:
+        """Orientation of the object at the start, (4,): a cylinder lies along y turned by the yaw."""
+        half = 0.5 * self.config.object_yaw_rad
+        yaw_z, yaw_w = math.sin(half), math.cos(half)
+        if self.object is None or self.object.shape != "cylinder":
+            return np.array([0.0, 0.0, yaw_z, yaw_w])
+        tilt = -math.sqrt(0.5)  # quarter turn about -x lays body z along y
+        return np.array([yaw_w * tilt, yaw_z * tilt, -yaw_z * tilt, -yaw_w * tilt])
+
+
+def scene_names() -> tuple[str, ...]:
+    """Return the names of the scenes of the configuration directory, sorted."""
+    return tuple(sorted(path.stem for path in (config_directory() / "scenes").glob("*.yaml")))
+
+
+def load_objects(name: str | Path = "objects.yaml") -> dict[str, ObjectSpec]:
+    """Read the catalogue of objects.
+
+    Raises:
+        ConfigError: wrong keys or values.
+    """
+    return load_config(ObjectCatalogue, name).objects
+
+
+def load_scene(name: str | Path) -> Scene:
+    """Read a scene: a name of the configuration directory (``bulb``) or a file.
+
+    Raises:
+        ConfigError: no such scene, wrong keys or values, or an object that ``objects.yaml`` does not have.
+    """
+    file = Path(name)
+    if file.suffix != ".yaml":
+        if str(name) not in scene_names():
+            raise ConfigError(f"no scene {str(name)!r}; known: {', '.join(scene_names())}; or give a .yaml file")
+        file = Path("scenes") / f"{name}.yaml"
+    return resolve_scene(Path(name).stem, load_config(SceneConfig, file), load_objects())
+
+
+def resolve_scene(name: str, config: SceneConfig, objects: dict[str, ObjectSpec]) -> Scene:
+    """Put a scene and the object it names together.
+
+    Raises:
+        ConfigError: the object is not among ``objects``.
+    """
+    if config.object is None:
+        return Scene(name, config, None)
+    if config.object not in objects:
+        raise ConfigError(f"scene {name}: no object {config.object!r}; known: {', '.join(sorted(objects))}")
+    return Scene(name, config, objects[config.object])

@@ -1,0 +1,55 @@
+"""Tier ``static``: muscles follow their hanging equilibrium with a first-order lag. No contact, no inertia."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mbpam_ros.actuator.chambers import FINGER_COUNT
+from mbpam_ros.actuator.equilibrium import hanging_bend
+from mbpam_ros.plant.tiers import Actuation, Array, Tier, TierError, TierSetup, TierState
+
+
+class StaticTier(Tier):
+    """d(bend)/dt = (equilibrium(t) - bend) / tau, the equilibrium running straight between the ends of a step.
+
+    Integrated exactly, so there is no stability limit. The equilibrium itself bends with pressure inside a step; that
+    is neglected (second order in the step). The motion of the hand has no influence.
+
+    Raises:
+        TierError: the setup holds an object.
+    """
+
+    def __init__(self, setup: TierSetup) -> None:
+        if setup.body is not None:
+            raise TierError("tier 'static' has no contact and cannot move an object: use tier 'arc', or no object")
+        self._setup = setup
+        self.reset()
+
+    def reset(self) -> None:  # noqa: D102
+        self._bend = np.zeros((FINGER_COUNT, 2))
+        self._rate = np.zeros((FINGER_COUNT, 2))
+        self._actuation: Actuation | None = None
+        self._equilibrium = np.zeros((FINGER_COUNT, 2))
+
+    def step(  # noqa: D102
+        self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array
+    ) -> None:
+        if before is not self._actuation:
+            self._equilibrium = self._rest(before)
+        duration, tau = (len(hand_height_m) - 1) * self._setup.sub_step_s, self._setup.config.static_lag_s
+        target = self._rest(after)
+        ramp = (target - self._equilibrium) / duration
+        behind = self._bend - self._equilibrium + tau * ramp
+        left = behind * math.exp(-duration / tau)
+        self._bend = target - tau * ramp + left
+        self._rate = ramp - left / tau
+        self._actuation, self._equilibrium = after, target
+
+    def state(self) -> TierState:  # noqa: D102
+        return TierState(self._bend.copy(), self._rate.copy(), None, np.zeros((FINGER_COUNT, 3)), np.zeros(3))
+
+    def _rest(self, actuation: Actuation) -> Array:
+        setup = self._setup
+        return hanging_bend(actuation.moment_n_m, actuation.stiffness_n_m2, setup.geometry, setup.gravity_m_s2)

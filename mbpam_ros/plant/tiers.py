@@ -1,0 +1,165 @@
+"""The face of all tiers, and the tiers by name.
+
+A tier moves four muscles (and an object, if it can) for given intrinsic moments and stiffnesses and a given motion of
+the hand. It knows no pressures, no scene's name and no clock.
+"""
+
+from __future__ import annotations
+
+import importlib
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.actuator.design import MuscleGeometry
+from mbpam_ros.configuration import require_positive
+from mbpam_ros.plant.contact_config import ContactConfig
+
+Array = NDArray[np.float64]
+
+
+class TierError(ValueError):
+    """No such tier, or one that cannot compute what the scene holds."""
+
+
+class PlantDivergedError(RuntimeError):
+    """A step left the range of what can be; the state before it is kept. The message says what to change."""
+
+
+@dataclass(frozen=True)
+class PlantConfig:
+    """Constants of the simulated muscles and contacts (``plant.yaml``).
+
+    Args:
+        retardation_time_s: Kelvin-Voigt damping of the muscle over its stiffness.
+        static_lag_s: time constant of the tier ``static``.
+        finger_object, object_support, finger_support: the three kinds of contact.
+    """
+
+    retardation_time_s: float
+    static_lag_s: float
+    finger_object: ContactConfig
+    object_support: ContactConfig
+    finger_support: ContactConfig
+
+    def __post_init__(self) -> None:
+        require_positive(self, "static_lag_s")
+        if self.retardation_time_s < 0.0:
+            raise ValueError(f"retardation_time_s must not be negative, found {self.retardation_time_s}")
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """A free solid and where it starts, world frame."""
+
+    shape: str
+    size_m: tuple[float, float, float]
+    mass_kg: float
+    position_m: Array
+    orientation_xyzw: Array
+
+
+@dataclass(frozen=True)
+class TierSetup:
+    """All a tier is told once.
+
+    Args:
+        geometry: of the muscles.
+        finger_base_m: clamp points in ``gripper_base``, shape (4, 3).
+        gravity_m_s2: along +z of the world.
+        sub_step_s: step of the computation.
+        body: the object, or none.
+        planes_m: rows (depth, half size x, half size y) of level supports; an endless one has infinite half sizes.
+        config: constants of muscles and contacts.
+    """
+
+    geometry: MuscleGeometry
+    finger_base_m: Array
+    gravity_m_s2: float
+    sub_step_s: float
+    body: RigidBody | None
+    planes_m: Array
+    config: PlantConfig
+
+
+@dataclass(frozen=True)
+class Actuation:
+    """What the air does to the muscles at one instant: M0 (4, 2) [N m] and B (4,) [N m2]."""
+
+    moment_n_m: Array
+    stiffness_n_m2: Array
+
+
+@dataclass(frozen=True)
+class BodyState:
+    """Pose and velocity of the object, world frame: (3,) [m], (4,), (3,) [m/s], (3,) [rad/s]."""
+
+    position_m: Array
+    orientation_xyzw: Array
+    velocity_m_s: Array
+    angular_velocity_rad_s: Array
+
+
+@dataclass(frozen=True)
+class TierState:
+    """What a tier has computed.
+
+    Args:
+        bend_rad, bend_rate_rad_s: of the four muscles, shape (4, 2).
+        body: the object, or none.
+        finger_force_n: force of each finger on the object, world frame, shape (4, 3).
+        support_force_n: force of the support on the object, world frame, shape (3,).
+    """
+
+    bend_rad: Array
+    bend_rate_rad_s: Array
+    body: BodyState | None
+    finger_force_n: Array
+    support_force_n: Array
+
+
+class Tier(ABC):
+    """Reset, step, state."""
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Hang the muscles straight and at rest, put the object where it starts."""
+
+    @abstractmethod
+    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        """Advance by ``len(hand_height_m) - 1`` sub-steps.
+
+        Args:
+            before, after: actuation at the two ends; linear between them.
+            hand_height_m, hand_velocity_m_s: rise of the hand (up positive) at every end of a sub-step, shape (n + 1,).
+
+        Raises:
+            PlantDivergedError: the step left what can be; the state is as it was before.
+        """
+
+    @abstractmethod
+    def state(self) -> TierState:
+        """Return copies of what was computed."""
+
+
+_TIERS = {"static": ("mbpam_ros.plant.static", "StaticTier"), "arc": ("mbpam_ros.plant.arc", "ArcTier")}
+"""Modules are imported when asked for: a tier that is not used costs nothing, neither does its compiler."""
+
+
+def tier_names() -> tuple[str, ...]:
+    """Return the names of all tiers, cheapest first."""
+    return tuple(_TIERS)
+
+
+def build_tier(name: str, setup: TierSetup) -> Tier:
+    """Return the tier ``name``.
+
+    Raises:
+        TierError: no such tier, or it cannot compute what the setup holds.
+    """
+    if name not in _TIERS:
+        raise TierError(f"no tier {name!r}; known: {', '.join(_TIERS)}")
+    module, tier = _TIERS[name]
+    return getattr(importlib.import_module(module), tier)(setup)

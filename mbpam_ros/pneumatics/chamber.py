@@ -1,0 +1,157 @@
+"""Valve and chamber: from spool commands to chamber pressures, several models behind one face, chosen by name.
+
+Every channel is a 3/3-way proportional valve (+1 fill, 0 closed, -1 vent) on one chamber. The spool follows its command
+with a first-order lag; the chamber follows the opening by the law of the model. Both are integrated exactly over a
+step with constant command, so neither has a stability limit, and cutting a step into pieces changes nothing but
+rounding. What a sampled caller loses is only that its command is held for the length of the step.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
+from mbpam_ros.configuration import require_positive
+
+Vector = NDArray[np.float64]
+
+
+class PneumaticsInputError(ValueError):
+    """A spool command, a pressure or a step that no model can use. Nothing was changed."""
+
+
+@dataclass(frozen=True)
+class ChamberConfig:
+    """Supply, valve and chamber. Pressures gauge, ambient = 0.
+
+    Args:
+        supply_gauge_pa: pressure before the valves.
+        spool_time_constant_s: first-order response of the spool to its command.
+        ideal_rate_pa_s: pressure rate of the model ``ideal`` at full opening.
+        lag_time_constant_s: time constant of the model ``lag`` at full opening.
+    """
+
+    supply_gauge_pa: float
+    spool_time_constant_s: float
+    ideal_rate_pa_s: float
+    lag_time_constant_s: float
+
+    def __post_init__(self) -> None:
+        require_positive(self, "supply_gauge_pa", "spool_time_constant_s", "ideal_rate_pa_s", "lag_time_constant_s")
+
+
+class PneumaticModel(ABC):
+    """Sixteen valves and chambers: reset, step, read. A model adds the law of one chamber, :meth:`_flow`."""
+
+    def __init__(self, config: ChamberConfig) -> None:
+        self._config = config
+        self.reset()
+
+    @property
+    def pressure_gauge_pa(self) -> Vector:
+        """Chamber pressures, shape (16,) [Pa gauge], always within [0, supply]."""
+        return self._pressure.copy()
+
+    @property
+    def spool(self) -> Vector:
+        """Openings the spools stand at, shape (16,), -1 (vent) .. +1 (fill)."""
+        return self._spool.copy()
+
+    def reset(self, pressure_gauge_pa: ArrayLike = 0.0) -> None:
+        """Close all valves at the given pressures, a number or shape (16,) [Pa gauge].
+
+        Raises:
+            PneumaticsInputError: wrong shape, not finite, or outside [0, supply].
+        """
+        try:
+            pressure = np.array(np.broadcast_to(np.asarray(pressure_gauge_pa, dtype=float), (CHANNEL_COUNT,)))
+        except ValueError:
+            shape = np.shape(pressure_gauge_pa)
+            raise PneumaticsInputError(
+                f"pressures must be a number or {CHANNEL_COUNT} numbers, found {shape}"
+            ) from None
+        _require_within(pressure, 0.0, self._config.supply_gauge_pa, "pressure_gauge_pa")
+        self._pressure = pressure
+        self._spool = np.zeros(CHANNEL_COUNT)
+
+    def step(self, spool: ArrayLike, dt_s: float) -> Vector:
+        """Hold the spool commands, shape (16,) in [-1, 1], for ``dt_s`` and return the pressures, (16,) [Pa gauge].
+
+        Raises:
+            PneumaticsInputError: wrong shape, a command not finite or outside [-1, 1], a step that is not positive.
+        """
+        command = np.asarray(spool, dtype=float)
+        if command.shape != (CHANNEL_COUNT,):
+            raise PneumaticsInputError(f"spool commands must have shape ({CHANNEL_COUNT},), found {command.shape}")
+        _require_within(command, -1.0, 1.0, "spool command")
+        if not (math.isfinite(dt_s) and dt_s > 0.0):
+            raise PneumaticsInputError(f"dt_s must be a positive number of seconds, found {dt_s}")
+        for opening_time in self._move_spools(command, dt_s):
+            self._pressure = self._flow(self._pressure, opening_time)
+        return self._pressure.copy()
+
+    def _move_spools(self, command: Vector, dt_s: float) -> tuple[Vector, Vector]:
+        """Move the spools and return the time integrals of the opening [s] before and after its change of sign.
+
+        s(t) = u + (s0 - u) exp(-t / tau) is monotone, so it crosses zero at most once, at t0 = tau ln(1 - s0 / u).
+        Within each part the flow has one direction, which is what lets a law be integrated in closed form.
+        """
+        tau, start = self._config.spool_time_constant_s, self._spool
+        self._spool = command + (start - command) * math.exp(-dt_s / tau)
+        whole = command * dt_s - (start - command) * tau * math.expm1(-dt_s / tau)
+        crosses = start * self._spool < -1e-200  # a smaller opening moves nothing and would overflow the ratio
+        if not crosses.any():
+            return whole, np.zeros(CHANNEL_COUNT)
+        ratio = np.divide(start, command, out=np.zeros(CHANNEL_COUNT), where=crosses)
+        before = np.where(crosses, command * tau * np.log1p(-ratio) + start * tau, whole)
+        return before, whole - before
+
+    @abstractmethod
+    def _flow(self, pressure_gauge_pa: Vector, opening_time_s: Vector) -> Vector:
+        """Return the pressures after an opening of one sign whose time integral is ``opening_time_s``, (16,) [s]."""
+
+
+class IdealChambers(PneumaticModel):
+    """Pressure rate proportional to the opening, whatever the pressure, between ambient and supply."""
+
+    def _flow(self, pressure_gauge_pa: Vector, opening_time_s: Vector) -> Vector:
+        moved = pressure_gauge_pa + self._config.ideal_rate_pa_s * opening_time_s
+        return np.minimum(np.maximum(moved, 0.0), self._config.supply_gauge_pa)
+
+
+class LagChambers(PneumaticModel):
+    """dp/dt = |s| (p_end - p) / tau, with p_end the supply for s > 0 and ambient for s < 0."""
+
+    def _flow(self, pressure_gauge_pa: Vector, opening_time_s: Vector) -> Vector:
+        end = np.where(opening_time_s > 0.0, self._config.supply_gauge_pa, 0.0)
+        decay = np.exp(-np.abs(opening_time_s) / self._config.lag_time_constant_s)
+        moved = end + (pressure_gauge_pa - end) * decay
+        return np.minimum(np.maximum(moved, 0.0), self._config.supply_gauge_pa)
+
+
+PNEUMATIC_MODELS: dict[str, type[PneumaticModel]] = {"ideal": IdealChambers, "lag": LagChambers}
+
+
+def build_pneumatics(name: str, config: ChamberConfig) -> PneumaticModel:
+    """Return the pneumatic model ``name``, vented and closed.
+
+    Raises:
+        PneumaticsInputError: no such model; the message lists those there are.
+    """
+    if name not in PNEUMATIC_MODELS:
+        raise PneumaticsInputError(f"no pneumatic model {name!r}; known: {', '.join(PNEUMATIC_MODELS)}")
+    return PNEUMATIC_MODELS[name](config)
+
+
+def _require_within(values: Vector, low: float, high: float, what: str) -> None:
+    inside = (values >= low) & (values <= high)  # False for NaN
+    if not inside.all():
+        channel = int(np.argmin(inside))
+        raise PneumaticsInputError(
+            f"{what} of {CHANNEL_NAMES[channel]} must lie in [{low:g}, {high:g}], found {values[channel]:g}"
+        )

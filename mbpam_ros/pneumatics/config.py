@@ -1,0 +1,50 @@
+"""The pneumatics a user describes in ``config/pneumatics.yaml``: supply, valves, transducers, sensing, controller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from mbpam_ros.configuration import load_config
+from mbpam_ros.pneumatics.chamber import ChamberConfig
+from mbpam_ros.pneumatics.controller import ControllerConfig
+from mbpam_ros.pneumatics.sensing import SensingConfig
+from mbpam_ros.pneumatics.transducer import TransducerConfig
+
+
+@dataclass(frozen=True)
+class PneumaticsConfig:
+    """Everything between the supply and the chambers' measured pressures.
+
+    Args:
+        model: pneumatic model of the simulated plant.
+        chamber: supply, valves and chambers of the simulated plant.
+        transducer: data sheet of the transducers, simulated or real.
+        sensing: how their volts are read.
+        controller: the pressure loops.
+    """
+
+    model: Literal["ideal", "lag"]
+    chamber: ChamberConfig
+    transducer: TransducerConfig
+    sensing: SensingConfig
+    controller: ControllerConfig
+
+    def __post_init__(self) -> None:
+        # With less noise than this a channel at rest can repeat one count for long without being stuck.
+        if self.sensing.stuck_time_s > 0.0 and self.transducer.noise_v < 0.5 * self.transducer.resolution_v:
+            raise ValueError(
+                f"noise_v = {self.transducer.noise_v:g} V is below half a count of the converter "
+                f"({0.5 * self.transducer.resolution_v:g} V): a sound channel would be called stuck; "
+                "set sensing.stuck_time_s to 0"
+            )
+
+
+def load_pneumatics(name: str | Path = "pneumatics.yaml") -> PneumaticsConfig:
+    """Read the pneumatics file ``name``.
+
+    Raises:
+        ConfigError: wrong keys or values.
+    """
+    return load_config(PneumaticsConfig, name)

@@ -1,0 +1,204 @@
+"""The pinhole camera: its pose in the palm, its intrinsics, and the way from points to pixels and back.
+
+Optical frame (REP 103): x to the right of the image, y down, z forward. Pixel centres have whole-number coordinates.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mbpam_ros.configuration import load_config, require_positive
+
+
+class CameraError(ValueError):
+    """A camera's description or a use of it makes no sense: no focal length, a point behind the camera."""
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """Intrinsics of an ideal pinhole.
+
+    Args:
+        width_px, height_px: image size.
+        fx, fy: focal lengths [px].
+        cx, cy: principal point [px].
+
+    Raises:
+        CameraError: a size or focal length is not positive, or a value is not finite.
+    """
+
+    width_px: int
+    height_px: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        if self.width_px <= 0 or self.height_px <= 0:
+            raise CameraError(f"image size must be positive, found {self.width_px} x {self.height_px} px")
+        if not all(map(math.isfinite, (self.fx, self.fy, self.cx, self.cy))) or min(self.fx, self.fy) <= 0.0:
+            raise CameraError(
+                f"K has no positive focal lengths or is not finite: fx = {self.fx:g}, fy = {self.fy:g}, "
+                f"cx = {self.cx:g}, cy = {self.cy:g}; calibrate the camera or fill its CameraInfo"
+            )
+
+    @classmethod
+    def from_camera_info(cls, width_px: int, height_px: int, k: ArrayLike) -> Intrinsics:
+        """Read the row-major matrix K, shape (9,), of a ``sensor_msgs/CameraInfo``.
+
+        Raises:
+            CameraError: K has not nine values, or see the class.
+        """
+        values = np.asarray(k, dtype=float).ravel()
+        if values.size != 9:
+            raise CameraError(f"K must have 9 values, found {values.size}")
+        return cls(int(width_px), int(height_px), *(float(values[i]) for i in (0, 4, 2, 5)))
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """K, shape (3, 3) [px]."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class CameraConfig:
+    """What ``config/camera.yaml`` says of the palm camera. Vectors are in ``gripper_base``.
+
+    Args:
+        width_px, height_px: image size.
+        horizontal_fov_rad: full angle of view along the image's x axis.
+        position_m: centre of projection.
+        look_at_m: point in the middle of the image.
+        image_x_axis: direction that the image's x axis follows (made perpendicular to the view).
+        noise_levels: standard deviation of the sensor noise [8 bit levels].
+        blur_sigma_px: standard deviation of the lens' point spread.
+    """
+
+    width_px: int
+    height_px: int
+    horizontal_fov_rad: float
+    position_m: tuple[float, float, float]
+    look_at_m: tuple[float, float, float]
+    image_x_axis: tuple[float, float, float]
+    noise_levels: float
+    blur_sigma_px: float
+
+    def __post_init__(self) -> None:
+        require_positive(self, "width_px", "height_px", "horizontal_fov_rad")
+        if self.horizontal_fov_rad >= math.pi:
+            raise ValueError(f"horizontal_fov_rad must be less than pi, found {self.horizontal_fov_rad:g}")
+        if self.noise_levels < 0.0 or self.blur_sigma_px < 0.0:
+            raise ValueError("noise_levels and blur_sigma_px must not be negative")
+        view = np.subtract(self.look_at_m, self.position_m)
+        if np.linalg.norm(np.cross(view, self.image_x_axis)) < 1e-6:
+            raise ValueError("image_x_axis must not be parallel to the view from position_m to look_at_m")
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPose:
+    """Pose of the optical frame in ``gripper_base``.
+
+    Args:
+        rotation: (3, 3), takes vectors of the optical frame to ``gripper_base``.
+        position_m: (3,), centre of projection.
+
+    Raises:
+        CameraError: ``rotation`` is not a rotation.
+    """
+
+    rotation: NDArray[np.float64]
+    position_m: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        rotation, position = np.array(self.rotation, dtype=float), np.array(self.position_m, dtype=float)
+        if rotation.shape != (3, 3) or position.shape != (3,):
+            raise CameraError(f"expected rotation (3, 3), position (3,); found {rotation.shape}, {position.shape}")
+        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(rotation) < 0.0:
+            raise CameraError("rotation is not a rotation matrix")
+        if not np.isfinite(position).all():
+            raise CameraError(f"position_m must be finite, found {position}")
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "position_m", position)
+
+
+def camera_pose(config: CameraConfig) -> CameraPose:
+    """Pose of the camera that ``config`` describes."""
+    forward = np.subtract(config.look_at_m, config.position_m)
+    forward /= np.linalg.norm(forward)
+    right = np.array(config.image_x_axis) - np.dot(config.image_x_axis, forward) * forward
+    right /= np.linalg.norm(right)
+    return CameraPose(np.column_stack([right, np.cross(forward, right), forward]), np.array(config.position_m))
+
+
+def camera_intrinsics(config: CameraConfig) -> Intrinsics:
+    """Intrinsics of the camera that ``config`` describes: square pixels, principal point in the middle."""
+    focal = 0.5 * config.width_px / math.tan(0.5 * config.horizontal_fov_rad)
+    centre = (0.5 * (config.width_px - 1), 0.5 * (config.height_px - 1))
+    return Intrinsics(config.width_px, config.height_px, focal, focal, *centre)
+
+
+def load_camera_config(name: str | Path = "camera.yaml") -> CameraConfig:
+    """Read the camera file ``name``.
+
+    Raises:
+        ConfigError: wrong keys or values.
+    """
+    return load_config(CameraConfig, name)
+
+
+class Camera:
+    """An ideal pinhole at a pose in ``gripper_base``.
+
+    Args:
+        intrinsics: image size and projection.
+        pose: pose of the optical frame in ``gripper_base``.
+    """
+
+    def __init__(self, intrinsics: Intrinsics, pose: CameraPose) -> None:
+        self.intrinsics = intrinsics
+        self.rotation = pose.rotation
+        self.position_m = pose.position_m
+
+    @classmethod
+    def from_config(cls, config: CameraConfig) -> Camera:
+        """The camera that ``config`` describes."""
+        return cls(camera_intrinsics(config), camera_pose(config))
+
+    def project(self, points_m: ArrayLike) -> NDArray[np.float64]:
+        """Pixels (u, v), shape (..., 2), of points of ``gripper_base``, shape (..., 3).
+
+        Raises:
+            CameraError: a point is not in front of the camera.
+        """
+        optical = (np.asarray(points_m, dtype=float) - self.position_m) @ self.rotation
+        depth = optical[..., 2:]
+        if not (depth > 0.0).all():
+            raise CameraError("cannot project a point that is not in front of the camera")
+        k = self.intrinsics
+        return optical[..., :2] / depth * (k.fx, k.fy) + (k.cx, k.cy)
+
+    def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
+        """Unit directions in ``gripper_base``, shape (..., 3), of pixels (u, v), shape (..., 2)."""
+        k = self.intrinsics
+        image = (np.asarray(pixels, dtype=float) - (k.cx, k.cy)) / (k.fx, k.fy)
+        direction = np.concatenate([image, np.ones_like(image[..., :1])], axis=-1) @ self.rotation.T
+        return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+
+    def unproject(self, pixels: ArrayLike, depth_m: float) -> NDArray[np.float64]:
+        """Points, shape (..., 3), where the rays of pixels, shape (..., 2), meet the plane z = ``depth_m``.
+
+        Raises:
+            CameraError: a ray does not meet the plane in front of the camera.
+        """
+        direction = self.rays(pixels)
+        with np.errstate(divide="ignore"):
+            distance = (depth_m - self.position_m[2]) / direction[..., 2:]
+        if not ((distance > 0.0) & np.isfinite(distance)).all():
+            raise CameraError(f"a pixel's ray does not meet the plane z = {depth_m:g} m in front of the camera")
+        return self.position_m + distance * direction

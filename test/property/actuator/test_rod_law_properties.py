@@ -1,0 +1,81 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mbpam_ros.actuator.calibration import calibrated_rod_law
+from mbpam_ros.actuator.design import MuscleDesign
+from mbpam_ros.actuator.equilibrium import hanging_bend
+from mbpam_ros.gripper import load_gripper
+
+GRIPPER = load_gripper()
+LAW = calibrated_rod_law(GRIPPER.design, GRIPPER.geometry)
+PRESSURE = st.floats(-5e3, 1.2e5)
+PRESSURES = st.tuples(PRESSURE, PRESSURE, PRESSURE, PRESSURE).map(np.array)
+
+
+def assert_same_law(actual, expected):
+    np.testing.assert_allclose(actual[0], expected[0], atol=1e-15)
+    np.testing.assert_allclose(actual[1], expected[1], rtol=1e-13)
+
+
+def quarter_turned(vector):
+    return np.array([-vector[1], vector[0]])
+
+
+@given(PRESSURES)
+def test_pressures_turned_by_a_quarter_turn_the_moment_by_a_quarter(pressure):
+    moment, stiffness = LAW.moment_and_stiffness(pressure)
+    assert_same_law(LAW.moment_and_stiffness(np.roll(pressure, 1)), (quarter_turned(moment), stiffness))
+
+
+@given(PRESSURES)
+def test_pressures_mirrored_in_the_x_axis_mirror_the_moment(pressure):
+    moment, stiffness = LAW.moment_and_stiffness(pressure)
+    assert_same_law(LAW.moment_and_stiffness(pressure[::-1]), (moment * [1.0, -1.0], stiffness))
+
+
+@given(PRESSURES)
+def test_pressures_mirrored_in_a_diagonal_mirror_the_moment(pressure):
+    moment, stiffness = LAW.moment_and_stiffness(pressure)
+    assert_same_law(LAW.moment_and_stiffness(pressure[[0, 3, 2, 1]]), (moment[::-1], stiffness))
+
+
+@given(PRESSURES)
+def test_the_hanging_bend_turns_with_the_pressures(pressure):
+    bend, turned = (
+        hanging_bend(*LAW.moment_and_stiffness(p), GRIPPER.geometry) for p in (pressure, np.roll(pressure, 1))
+    )
+    np.testing.assert_allclose(turned, quarter_turned(bend), atol=1e-9)
+
+
+@given(PRESSURE, PRESSURE)
+def test_opposite_chambers_at_equal_pressure_cancel(first, second):
+    moment, stiffness = LAW.moment_and_stiffness([first, second, first, second])
+    np.testing.assert_array_equal(moment, 0.0)
+    assert stiffness == LAW.moment_and_stiffness(np.zeros(4))[1]
+
+
+@given(PRESSURES, st.integers(0, 3))
+def test_a_small_change_of_pressure_changes_little(pressure, chamber):
+    step = 1.0
+    nudged = pressure + step * np.eye(4)[chamber]
+    (moment, stiffness), (moment_after, stiffness_after) = map(LAW.moment_and_stiffness, (pressure, nudged))
+    steepest = max(np.diff(LAW.pdc_moment_n_m).max(), np.diff(LAW.psc_moment_n_m).max()) / 100.0
+    assert np.hypot(*(moment_after - moment)) <= 3.0 * steepest * step
+    stiffest = max(np.diff(LAW.pdc_stiffness_n_m2).max(), np.diff(LAW.psc_stiffness_n_m2).max()) / 100.0
+    assert abs(stiffness_after - stiffness) <= 3.0 * stiffest * step
+
+
+@given(PRESSURES, st.sampled_from([(2.5, 2.0), (1.5, 1.0), (3.5, 1.0), (1.5, 3.0), (3.5, 3.0)]))
+def test_pressure_never_softens_the_muscle(pressure, design):
+    law = calibrated_rod_law(MuscleDesign(*design), GRIPPER.geometry)
+    assert law.moment_and_stiffness(pressure)[1] >= law.pdc_stiffness_n_m2[0] * (1.0 - 1e-12)
+
+
+@given(PRESSURES)
+def test_each_diagonal_bends_away_from_its_stronger_chamber(pressure):
+    moment, _ = LAW.moment_and_stiffness(pressure)
+    diagonals = np.array([[1.0, 1.0], [-1.0, 1.0]])  # toward chambers 1 and 2
+    push = diagonals @ moment
+    difference = pressure[:2] - pressure[2:]
+    assert (push * np.sign(difference) <= 1e-15).all()

@@ -1,0 +1,80 @@
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mbpam_ros.actuator.chambers import CHANNEL_COUNT
+from mbpam_ros.configuration import load_config
+from mbpam_ros.estimation.estimator import BendEstimator, EstimatorConfig
+from mbpam_ros.gripper import load_gripper
+
+GRIPPER = load_gripper()
+CONFIG = load_config(EstimatorConfig, "estimator.yaml")
+NOISY = np.full(CHANNEL_COUNT, 300.0**2)
+PRESSURE = st.floats(0.0, 1.1e5)
+READINGS = st.lists(PRESSURE, min_size=CHANNEL_COUNT, max_size=CHANNEL_COUNT).map(np.array)
+
+
+def new_estimator():
+    return BendEstimator.for_gripper(GRIPPER, CONFIG)
+
+
+@settings(max_examples=30, deadline=None)
+@given(READINGS, READINGS, st.integers(1, 40))
+def test_a_settling_bend_does_not_depend_on_the_step(start, end, steps):
+    bends = []
+    for count in (1, steps):
+        estimator = new_estimator()
+        estimator.update(0.0, start, NOISY)
+        estimator.update(0.0, end, NOISY)
+        for index in range(1, count + 1):
+            estimate = estimator.update(0.1 * index / count, end, NOISY)
+        bends.append(estimate.bend_rad)
+    np.testing.assert_allclose(bends[1], bends[0], atol=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(READINGS, READINGS, st.floats(1e-6, 10.0))
+def test_the_bend_stays_between_where_it_was_and_where_it_goes(start, end, dt_s):
+    estimator = new_estimator()
+    first = estimator.update(0.0, start, NOISY).bend_rad
+    last = new_estimator().update(0.0, end, NOISY).bend_rad
+    bend = estimator.update(dt_s, end, NOISY).bend_rad
+    assert (bend >= np.minimum(first, last) - 1e-9).all()
+    assert (bend <= np.maximum(first, last) + 1e-9).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(READINGS)
+def test_quarter_turned_pressures_turn_the_estimate_and_keep_its_scalars(pressure):
+    estimate = new_estimator().update(0.0, pressure, NOISY)
+    turned = new_estimator().update(0.0, np.roll(pressure.reshape(4, 4), 1, axis=1).ravel(), NOISY)
+    expected = np.column_stack([-estimate.bend_rad[:, 1], estimate.bend_rad[:, 0]])
+    np.testing.assert_allclose(turned.bend_rad, expected, atol=1e-9)
+    np.testing.assert_allclose(turned.tip_force_n, estimate.tip_force_n, atol=1e-12)
+    np.testing.assert_allclose(turned.bend_sigma_rad, estimate.bend_sigma_rad, rtol=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(READINGS)
+def test_mirrored_pressures_mirror_the_estimate(pressure):
+    estimate = new_estimator().update(0.0, pressure, NOISY)
+    mirrored = new_estimator().update(0.0, pressure.reshape(4, 4)[:, ::-1].ravel(), NOISY)
+    np.testing.assert_allclose(mirrored.bend_rad, estimate.bend_rad * [1.0, -1.0], atol=1e-9)
+    np.testing.assert_allclose(mirrored.bend_sigma_rad, estimate.bend_sigma_rad, rtol=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(READINGS, st.floats(1.0, 10.0))
+def test_more_pressure_noise_never_means_more_certainty(pressure, factor):
+    sigma, more = (new_estimator().update(0.0, pressure, scale * NOISY).bend_sigma_rad for scale in (1.0, factor))
+    assert (more >= sigma).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(READINGS)
+def test_fingers_do_not_influence_each_other(pressure):
+    estimate = new_estimator().update(0.0, pressure, NOISY)
+    moved = np.roll(pressure, 4)
+    np.testing.assert_allclose(
+        np.roll(estimate.bend_rad, 1, axis=0), new_estimator().update(0.0, moved, NOISY).bend_rad, atol=1e-9
+    )

@@ -1,0 +1,163 @@
+import math
+
+import numpy as np
+import pytest
+
+from mbpam_ros.actuator.design import MuscleDesign
+from mbpam_ros.actuator.metamodel import (
+    METAMODELS,
+    TRAINING_TABLE,
+    VALIDATION_TABLE,
+    OrdinaryKriging,
+    PolynomialResponseSurface,
+    RadialBasisFunctions,
+    load_metamodel,
+    read_samples,
+)
+
+# Paper, Table 3: RMSE and largest absolute error over the range of the validation responses.
+PUBLISHED = {
+    ("prs", "theta"): (0.0184, 0.0340),
+    ("rbf", "theta"): (0.0337, 0.0849),
+    ("krg", "theta"): (0.0399, 0.0826),
+    ("prs", "force"): (0.0511, 0.0982),
+    ("rbf", "force"): (0.0678, 0.1333),
+    ("krg", "force"): (0.0669, 0.1345),
+}
+EQ_9 = [-329.2005, 339.6515, 203.7575, -118.5423, -69.3005, -17.2730, 16.9488, 7.4029]
+EQ_10 = [-0.6614, 0.8489, 1.2680, -0.3633, -0.5750, -0.0491, 0.0475, 0.0809]
+
+
+def validation_errors(name, response):
+    design, theta, force = read_samples(VALIDATION_TABLE)
+    model = load_metamodel(name)
+    if response == "theta":
+        return (model.theta_max_deg.predict(design) - theta) / np.ptp(theta)
+    return (model.f_max_n.predict(design) - force) / np.ptp(force)
+
+
+@pytest.mark.parametrize(("name", "response"), PUBLISHED)
+def test_each_metamodel_is_as_accurate_as_the_published_one(name, response):
+    error = validation_errors(name, response)
+    rmse, largest = PUBLISHED[name, response]
+    assert np.sqrt(np.mean(error**2)) < 1.05 * rmse
+    assert np.abs(error).max() < 1.10 * largest
+
+
+def test_the_response_surface_returns_the_papers_coefficients():
+    model = load_metamodel("prs")
+    np.testing.assert_allclose(model.theta_max_deg.coefficients, EQ_9, rtol=1e-4)
+    np.testing.assert_allclose(model.f_max_n.coefficients, EQ_10, rtol=2e-3)
+
+
+def test_the_response_surface_returns_the_papers_errors():
+    assert np.sqrt(np.mean(validation_errors("prs", "theta") ** 2)) == pytest.approx(0.0184, abs=5e-5)
+    assert np.sqrt(np.mean(validation_errors("prs", "force") ** 2)) == pytest.approx(0.0511, abs=1e-4)
+    assert np.abs(validation_errors("prs", "theta")).max() == pytest.approx(0.0340, abs=1e-4)
+
+
+def test_sigma_is_the_validation_error_in_physical_units():
+    performance = load_metamodel("prs").predict(MuscleDesign(2.5, 2.0))
+    assert math.degrees(performance.theta_max_sigma_rad) == pytest.approx(1.88, abs=0.01)
+    assert performance.f_max_sigma_n == pytest.approx(0.0202, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", METAMODELS)
+def test_performance_at_the_initial_design_is_the_finite_element_one_within_two_sigma(name):
+    performance = load_metamodel(name).predict(MuscleDesign(2.5, 2.0))
+    assert abs(performance.theta_max_rad - math.radians(148.423)) < 2.0 * performance.theta_max_sigma_rad
+    assert abs(performance.f_max_n - 0.6036) < 2.0 * performance.f_max_sigma_n
+
+
+def test_radial_basis_functions_return_their_samples_up_to_the_ridge():
+    design, theta, force = read_samples(TRAINING_TABLE)
+    model = load_metamodel("rbf")
+    np.testing.assert_allclose(model.theta_max_deg.predict(design), theta, rtol=4e-3)
+    np.testing.assert_allclose(model.f_max_n.predict(design), force, rtol=1e-6)
+
+
+def test_kriging_returns_its_samples_up_to_the_nugget():
+    design, theta, force = read_samples(TRAINING_TABLE)
+    for response in (theta, force):
+        model = OrdinaryKriging().fit(design, response)
+        residual = model.predict(design) - response
+        # The most the nugget can leave of a residual, from K w = deviation and residual = -nugget w.
+        np.testing.assert_allclose(residual, -model.nugget * model._weights, atol=1e-9 * np.ptp(response))
+        assert np.sqrt(np.mean(residual**2)) < np.sqrt(model.nugget * model._variance)
+
+
+def test_the_response_surface_returns_any_polynomial_of_its_basis():
+    design, _, _ = read_samples(TRAINING_TABLE)
+    a, b = design.T
+    model = PolynomialResponseSurface().fit(design, 1.0 - 2.0 * a * b + 0.5 * b**3)
+    assert model.predict([[2.0, 3.0]])[0] == pytest.approx(1.0 - 12.0 + 13.5)
+
+
+@pytest.mark.parametrize("name", METAMODELS)
+def test_fitting_twice_gives_the_same_bits(name):
+    design, theta, _ = read_samples(TRAINING_TABLE)
+    query = [[1.7, 2.9], [3.1, 1.2]]
+    first, second = (METAMODELS[name]().fit(design, theta).predict(query) for _ in range(2))
+    assert first.tobytes() == second.tobytes()
+
+
+def test_the_leave_one_out_formula_is_what_leaving_one_out_gives():
+    design, _, force = read_samples(TRAINING_TABLE)
+    model = RadialBasisFunctions().fit(design, force)
+    deviation = force - force.mean()
+    matrix = model._matrix(model.epsilon)
+    errors = []
+    for left_out in range(len(force)):
+        kept = np.arange(len(force)) != left_out
+        weights = np.linalg.solve(matrix[np.ix_(kept, kept)], deviation[kept])
+        errors.append(matrix[left_out, kept] @ weights - deviation[left_out])
+    brute_force = np.sqrt(np.mean(np.square(errors)))
+    assert model._leave_one_out(model.epsilon, deviation) == pytest.approx(brute_force, rel=1e-6)
+
+
+def test_the_shape_parameter_has_the_smallest_leave_one_out_error():
+    design, _, force = read_samples(TRAINING_TABLE)
+    model = RadialBasisFunctions().fit(design, force)
+    deviation = force - force.mean()
+    best = model._leave_one_out(model.epsilon, deviation)
+    assert all(best <= model._leave_one_out(epsilon, deviation) for epsilon in np.geomspace(0.1, 3.0, 40))
+
+
+@pytest.mark.parametrize("response", [1, 2])
+def test_kriging_parameters_are_the_most_likely(response):
+    samples = read_samples(TRAINING_TABLE)
+    model = OrdinaryKriging().fit(samples[0], samples[response])
+    log_parameters = np.log([*model.length_scales, model.nugget])
+    best = model._negative_log_likelihood(log_parameters)
+    for step in 0.1 * np.vstack([np.eye(3), -np.eye(3)]):
+        assert model._negative_log_likelihood(log_parameters + step) > best
+
+
+def test_kriging_is_less_certain_outside_its_samples():
+    design, theta, _ = read_samples(TRAINING_TABLE)
+    model = OrdinaryKriging().fit(design, theta)
+    assert model.predict_variance([[1.5, 3.0]])[0] > 1.3 * model.predict_variance(design).mean()
+
+
+def test_kriging_errors_are_within_three_of_their_own_standard_deviations():
+    design, theta, force = read_samples(TRAINING_TABLE)
+    checked, checked_theta, checked_force = read_samples(VALIDATION_TABLE)
+    for response, expected in ((theta, checked_theta), (force, checked_force)):
+        model = OrdinaryKriging().fit(design, response)
+        score = (model.predict(checked) - expected) / np.sqrt(model.predict_variance(checked))
+        assert 0.3 < np.sqrt(np.mean(score**2)) and np.abs(score).max() < 3.0
+
+
+def test_an_unknown_metamodel_is_refused_with_the_known_ones():
+    with pytest.raises(ValueError, match="'svm'.*prs, rbf, krg"):
+        load_metamodel("svm")
+
+
+@pytest.mark.parametrize("name", METAMODELS)
+def test_samples_that_do_not_match_are_refused(name):
+    with pytest.raises(ValueError, match="one response for each"):
+        METAMODELS[name]().fit(np.ones((9, 2)), np.ones(8))
+    with pytest.raises(ValueError, match="at least"):
+        METAMODELS[name]().fit(np.ones((2, 2)), np.ones(2))
+    with pytest.raises(ValueError, match=r"rows \(a, b\)"):
+        load_metamodel(name).theta_max_deg.predict([2.5, 2.0])

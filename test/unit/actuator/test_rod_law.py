@@ -1,0 +1,135 @@
+import math
+
+import numpy as np
+import pytest
+
+from mbpam_ros.actuator.calibration import calibrated_rod_law
+from mbpam_ros.actuator.chambers import pressurised_chambers
+from mbpam_ros.actuator.equilibrium import hanging_bend
+from mbpam_ros.actuator.rod_law import PatternFactors, RodLaw, finite_element_rod_law
+from mbpam_ros.actuator.tables import read_table
+from mbpam_ros.gripper import load_gripper
+
+GRIPPER = load_gripper()
+LAW = calibrated_rod_law(GRIPPER.design, GRIPPER.geometry)
+
+
+def table_law(psc_stiffness, pdc_stiffness, moment=(0.0, 1.0)):
+    grid = np.array([0.0, 1e5])
+    moments = np.array(moment)
+    return RodLaw(grid, moments, moments, np.array(psc_stiffness), np.array(pdc_stiffness))
+
+
+@pytest.mark.parametrize("azimuth_deg", range(0, 360, 45))
+def test_each_of_the_eight_directions_bends_toward_its_azimuth(azimuth_deg):
+    chambers = pressurised_chambers(math.radians(azimuth_deg))
+    moment, stiffness = LAW.moment_and_stiffness(1e5 * chambers)
+    bend = hanging_bend(moment, stiffness, GRIPPER.geometry)
+    direction = np.array([math.cos(math.radians(azimuth_deg)), math.sin(math.radians(azimuth_deg))])
+    np.testing.assert_allclose(bend / np.hypot(*bend), direction, atol=1e-12)
+
+
+@pytest.mark.parametrize(("pattern", "chambers"), [("psc", [1, 0, 0, 0]), ("pdc", [1, 1, 0, 0])])
+@pytest.mark.parametrize("pressure_gauge_pa", [0.0, 2e4, 5.5e4, 1e5, 1.1e5])
+def test_psc_and_pdc_come_back_exactly(pattern, chambers, pressure_gauge_pa):
+    moment, stiffness = LAW.moment_and_stiffness(pressure_gauge_pa * np.array(chambers))
+    index = round(pressure_gauge_pa / 100.0)
+    tables = {
+        "psc": (LAW.psc_moment_n_m, LAW.psc_stiffness_n_m2),
+        "pdc": (LAW.pdc_moment_n_m, LAW.pdc_stiffness_n_m2),
+    }
+    assert np.hypot(*moment) == pytest.approx(tables[pattern][0][index], rel=1e-12)
+    assert stiffness == pytest.approx(tables[pattern][1][index], rel=1e-12)
+
+
+def test_the_uncalibrated_law_returns_the_free_bend_of_the_unit_cell():
+    law = finite_element_rod_law()
+    pressure, pdc_deg, psc_deg = read_table("fe_unit_cell.csv", "p_kpa", "pdc_theta_deg", "psc_theta_deg")
+    for chambers, bend_deg in (([1, 0, 0, 0], psc_deg), ([1, 1, 0, 0], pdc_deg)):
+        moment, stiffness = law.moment_and_stiffness(1e3 * pressure[:, None] * np.array(chambers))
+        free = np.hypot(*moment.T) / stiffness * GRIPPER.geometry.active_length_m
+        np.testing.assert_allclose(np.degrees(free), bend_deg, atol=1e-9)
+
+
+def test_the_uncalibrated_law_has_the_stiffness_of_the_unit_cell_at_nominal_pressure():
+    law = finite_element_rod_law()
+    assert law.at_nominal_pressure("pdc")[1] == pytest.approx(1919e-6)
+    assert law.at_nominal_pressure("psc")[1] == pytest.approx(1495e-6)
+
+
+def test_the_bend_is_strongly_nonlinear_in_pressure():
+    half, full = (np.hypot(*LAW.moment_and_stiffness([p, p, 0, 0])[0]) for p in (5e4, 1e5))
+    assert half < 0.3 * full
+
+
+@pytest.mark.parametrize("pattern", ["psc_moment_n_m", "pdc_moment_n_m"])
+def test_the_moment_rises_with_pressure_beyond_the_tabulated_100_kpa(pattern):
+    assert (np.diff(getattr(LAW, pattern)) > 0.0).all()
+
+
+def test_above_100_kpa_the_free_curvature_keeps_its_end_slope():
+    law = finite_element_rod_law()
+    curvature = law.pdc_moment_n_m / law.pdc_stiffness_n_m2
+    beyond = np.diff(curvature[1000:])
+    np.testing.assert_allclose(beyond, beyond[0], rtol=1e-6)
+    assert beyond[0] == pytest.approx(curvature[1000] - curvature[999], rel=0.02)
+
+
+def test_the_moment_is_continuous_where_a_chambers_pressure_passes_the_other_ones():
+    for pressure in ([6e4, 6e4, 0, 0], [0, 7e4, 0, 0], [8e4, 0, 8e4, 0], [3e4, 5e4, 3e4, 5e4]):
+        at = LAW.moment_and_stiffness(np.array(pressure, dtype=float))
+        for nudge in 1e-3 * np.vstack([np.eye(4), -np.eye(4)]):
+            near = LAW.moment_and_stiffness(pressure + nudge)
+            np.testing.assert_allclose(near[0], at[0], atol=1e-8)
+            np.testing.assert_allclose(near[1], at[1], atol=1e-10)
+
+
+def test_scaling_multiplies_each_pattern_at_nominal_pressure_and_keeps_one_stiffness_without_pressure():
+    law = finite_element_rod_law()
+    scaled = law.scaled(psc=PatternFactors(1.2, 1.3), pdc=PatternFactors(0.9, 0.8))
+    for pattern, moment_factor, stiffness_factor in (("psc", 1.2, 1.3), ("pdc", 0.9, 0.8)):
+        moment, stiffness = law.at_nominal_pressure(pattern)
+        expected = (moment_factor * moment, stiffness_factor * stiffness)
+        assert scaled.at_nominal_pressure(pattern) == pytest.approx(expected, rel=1e-12)
+    assert scaled.psc_stiffness_n_m2[0] == pytest.approx(0.8 * law.pdc_stiffness_n_m2[0])
+
+
+def test_a_missing_reading_makes_only_its_finger_unknown():
+    moment, stiffness = LAW.moment_and_stiffness([[1e5, math.nan, 0, 0], [1e5, 0, 0, 0]])
+    assert np.isnan(moment[0]).all() and math.isnan(stiffness[0])
+    assert np.isfinite(moment[1]).all() and math.isfinite(stiffness[1])
+
+
+def test_pressures_of_other_than_four_chambers_are_refused():
+    with pytest.raises(ValueError, match="four chambers"):
+        LAW.moment_and_stiffness(np.zeros((4, 3)))
+    with pytest.raises(ValueError, match="four chambers"):
+        LAW.moment_and_stiffness(0.0)
+
+
+def test_an_unknown_pattern_is_refused():
+    with pytest.raises(ValueError, match="'tsc'.*psc, pdc"):
+        LAW.at_nominal_pressure("tsc")
+
+
+def test_a_law_with_two_stiffnesses_without_pressure_is_refused():
+    with pytest.raises(ValueError, match="one stiffness"):
+        table_law([1.0, 2.0], [1.1, 2.0])
+
+
+def test_a_law_whose_blend_would_lose_its_stiffness_is_refused():
+    table_law([1.0, 0.5], [1.0, 2.0])
+    with pytest.raises(ValueError, match="positive"):
+        table_law([1.0, -0.5], [1.0, 2.0])
+    with pytest.raises(ValueError, match="positive"):
+        RodLaw(np.array([0.0, 1.0, 2.0]), np.zeros(3), np.zeros(3), np.array([2.0, 3.0, 0.5]), np.array([2.0, 0.5, 3]))
+
+
+def test_a_law_with_a_moment_without_pressure_is_refused():
+    with pytest.raises(ValueError, match="must be 0"):
+        table_law([1.0, 2.0], [1.0, 2.0], moment=(0.1, 1.0))
+
+
+def test_a_grid_that_does_not_rise_from_zero_is_refused():
+    with pytest.raises(ValueError, match="rise from 0"):
+        RodLaw(np.array([1.0, 2.0]), np.zeros(2), np.zeros(2), np.ones(2), np.ones(2))
