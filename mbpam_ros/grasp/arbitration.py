@@ -371,6 +371,11 @@ class Arbiter:
         self._enter(replace(_OPEN, reason="fault reset"))
         return Answer(True, "fault cleared")
 
+    def obstacle(self, time_s: float) -> str | None:
+        """Return what keeps any grasp from starting (a fault of a part, no valid pressures), or None."""
+        self._update(time_s)
+        return self._ill_health() or self._unreadable()
+
     # Decision
 
     def tick(self, time_s: float) -> Decision:

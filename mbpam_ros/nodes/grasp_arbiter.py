@@ -30,6 +30,8 @@ PARAMETERS = (
     Parameter("tick_rate_hz", 50.0, "rate of the state machine [Hz]", 5.0, 1000.0),
 )
 
+SETPOINT_REPEAT_S = 0.5
+
 WATCHED_NODES = ("pressure_sensor", "valve_controller")
 """Nodes of the same namespace whose faults stop a grasp."""
 
@@ -64,13 +66,19 @@ class GraspArbiterNode(GripperNode):
         self._serve("grasp/stop", self._arbiter.stop)
         self._serve("grasp/reset", self._arbiter.reset)
         self.create_timer(1.0 / self.value("tick_rate_hz"), self._tick)
+        # A valve controller started anew has missed the last change.
+        self.create_timer(SETPOINT_REPEAT_S, self._publish_setpoints)
 
     def health(self) -> Health:
-        """ERROR while a fault is latched."""
+        """ERROR while a fault is latched, WARN while idle and not ready for a grasp."""
         if self._decision is None:
-            return Health(message="starting")
-        level = DiagnosticStatus.ERROR if self._decision.phase is Phase.FAULT else DiagnosticStatus.OK
-        return Health(level, f"{self._decision.phase.value}: {self._decision.reason}", self._decision.key_values())
+            return Health(DiagnosticStatus.WARN, "starting")
+        phase, reason = self._decision.phase, self._decision.reason
+        level = DiagnosticStatus.ERROR if phase is Phase.FAULT else DiagnosticStatus.OK
+        obstacle = self._arbiter.obstacle(self.now_s()) if phase is Phase.IDLE else None
+        if obstacle is not None:
+            level, reason = DiagnosticStatus.WARN, f"not ready: {obstacle}"
+        return Health(level, f"{phase.value}: {reason}", self._decision.key_values())
 
     def _serve(self, name: str, request: Callable[[float], Answer]) -> None:
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -92,13 +100,19 @@ class GraspArbiterNode(GripperNode):
         if not self._decision.changed:
             return
         stamp = self.get_clock().now().to_msg()
-        self._setpoints.publish(joint_state(stamp, CHANNEL_NAMES, effort=self._decision.setpoint_gauge_pa))
+        self._publish_setpoints()
         self._publish_state()
         if self._decision.grasp_pose is not None:
-            wrist = PoseStamped(pose=pose(self._decision.grasp_pose.position_m, self._decision.grasp_pose.orientation_xyzw))
+            target = self._decision.grasp_pose
+            wrist = PoseStamped(pose=pose(target.position_m, target.orientation_xyzw))
             wrist.header.stamp, wrist.header.frame_id = stamp, BASE_FRAME
             self._pose.publish(wrist)
         self.publish_health_change()
+
+    def _publish_setpoints(self) -> None:
+        if self._decision is not None:
+            stamp = self.get_clock().now().to_msg()
+            self._setpoints.publish(joint_state(stamp, CHANNEL_NAMES, effort=self._decision.setpoint_gauge_pa))
 
     def _publish_state(self) -> None:
         health = self.health()
@@ -128,6 +142,7 @@ class GraspArbiterNode(GripperNode):
                 air_off = any(item.key == "enabled" and item.value == "false" for item in status.values)
                 ok = status.level in (DiagnosticStatus.OK, DiagnosticStatus.WARN) and not air_off
                 self._arbiter.observe_health(self.now_s(), source, ok, status.message)
+        self.publish_health_change()
 
 
 def _detected_object(marker: Marker) -> DetectedObject:

@@ -6,7 +6,7 @@ import dataclasses
 import sys
 import time
 
-from mbpam_ros.nodes.runtime import STREAM, FatalError, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import STREAM, GripperNode, Health, run  # isort: skip
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
@@ -73,7 +73,6 @@ class PlantNode(GripperNode):
         self._stamp = self.get_clock().now().to_msg()
         self._rate_since = (time.monotonic(), 0)
         self._real_time_factor = 1.0
-        self._failure = ""
 
         self._camera = PlantCamera(self, self._gripper, self._scene) if self.value("camera_rate_hz") > 0.0 else None
         self._camera_every = max(1, round(self.value("rate_hz") / max(self.value("camera_rate_hz"), 1e-3)))
@@ -91,7 +90,7 @@ class PlantNode(GripperNode):
         self.create_timer(period_s, self._on_timer, clock=RosClock(clock_type=ClockType.STEADY_TIME))
 
     def health(self) -> Health:
-        """ERROR after a divergence; WARN while slower than real time."""
+        """WARN while slower than real time."""
         now_s = time.monotonic()
         since_s, ticks = self._rate_since
         if now_s - since_s > 0.5:
@@ -104,8 +103,6 @@ class PlantNode(GripperNode):
             "hand_lift_m": f"{self._plant.observe().hand_lift_m:.4f}",
             "real_time_factor": f"{self._real_time_factor:.2f}",
         }
-        if self._failure:
-            return Health(DiagnosticStatus.ERROR, self._failure, values)
         if self._real_time_factor < SLOW_FACTOR:
             message = f"slower than real time: factor {self._real_time_factor:.2f}"
             return Health(DiagnosticStatus.WARN, message, values)
@@ -153,14 +150,15 @@ class PlantNode(GripperNode):
             self._tick()
 
     def _tick(self) -> None:
+        if self.failure is not None:
+            return
         if self._time_s() - self._commanded_at_s > self.value("command_timeout_s"):
             self._spool = np.zeros(CHANNEL_COUNT)
         try:
             self._plant.step(self._spool, self._dt_s)
         except PlantDivergedError as error:
-            self._failure = str(error)
-            self.publish_health()
-            raise FatalError(self._failure) from error
+            self.fail(error)
+            return
         self._ticks += 1
         self._publish_tick()
 

@@ -14,7 +14,7 @@ from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, se
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.stamps import StampClock
 from mbpam_ros.pneumatics.config import load_pneumatics
-from mbpam_ros.pneumatics.sensing import ChannelStatus, PressureReading, PressureSensing, SensingInputError, ZeroRefused
+from mbpam_ros.pneumatics.sensing import ChannelStatus, PressureReading, PressureSensing, SensingInputError, ZeroRefusedError
 
 PARAMETERS = (
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: transducers and how their volts are read"),
@@ -92,7 +92,7 @@ class PressureSensorNode(GripperNode):
     def _on_zero(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
             correction_pa = self._sensing.zero()
-        except ZeroRefused as refusal:
+        except ZeroRefusedError as refusal:
             response.success, response.message = False, str(refusal)
         else:
             response.success = True

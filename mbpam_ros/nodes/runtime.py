@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from abc import abstractmethod
@@ -11,10 +12,10 @@ from dataclasses import dataclass, field
 import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.nodes.parameters import Parameter, declare_parameters
@@ -27,10 +28,6 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability
 
 SPIN_TIMEOUT_S = 0.2
 WARNING_PERIOD_S = 1.0
-
-
-class FatalError(RuntimeError):
-    """A node cannot go on; it has reported why and asks to be stopped."""
 
 
 @dataclass
@@ -59,6 +56,7 @@ class GripperNode(Node):
             self.destroy_node()
             raise
         self.refused_inputs = 0
+        self.failure: str | None = None
         self._reported_level: bytes | None = None
         self._warned_at: dict[str, float] = {}
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -84,9 +82,14 @@ class GripperNode(Node):
             self._warned_at[source] = now
             self.get_logger().warning(f"{source} refused: {error}")
 
+    def fail(self, error: object) -> None:
+        """Report, at once, that the node cannot go on; :func:`run` then ends the process with exit code 1."""
+        self.failure = f"{self.get_name()}: {error}"
+        self.publish_health()
+
     def publish_health(self) -> None:
         """Publish the health report now."""
-        health = self.health()
+        health = Health(DiagnosticStatus.ERROR, self.failure) if self.failure else self.health()
         self._reported_level = health.level
         values = {**health.values, "refused_inputs": str(self.refused_inputs)}
         status = DiagnosticStatus(
@@ -106,38 +109,49 @@ class GripperNode(Node):
             self.publish_health()
 
 
-def run(*factories: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
-    """Run nodes in this process until SIGINT, SIGTERM or a fatal error.
+def run(*factories: Callable[[], GripperNode], arguments: Sequence[str] | None = None) -> int:
+    """Run nodes in this process until SIGINT, SIGTERM or a failure.
 
     Args:
         factories: callables that build one node each, in the default context.
         arguments: command line with its ROS arguments; ``sys.argv`` by default.
 
     Returns:
-        Exit code: 0 after a signal, 1 after a node stopped itself (FatalError), 2 for a configuration that cannot be
-        used. Messages go to standard error as one line, without a traceback.
+        Exit code: 0 after a signal, 1 after a node failed (``GripperNode.fail``), 2 for a configuration that cannot
+        be used. What went wrong goes to standard error as one line.
     """
-    rclpy.init(args=arguments)
+    stop_requested = _catch_stop_signals()
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
-    nodes: list[Node] = []
+    nodes: list[GripperNode] = []
     try:
         for factory in factories:
             nodes.append(factory())
             executor.add_node(nodes[-1])
         # A spin without a time-out ignores signals in this executor.
-        while rclpy.ok():
+        while not stop_requested():
             executor.spin_once(timeout_sec=SPIN_TIMEOUT_S)
-        return 0
-    except (KeyboardInterrupt, ExternalShutdownException):
+            failure = next((node.failure for node in nodes if node.failure), None)
+            if failure is not None:
+                print(f"error: {failure}", file=sys.stderr)
+                return 1
         return 0
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    except FatalError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
     finally:
         executor.shutdown()
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
+
+
+def _catch_stop_signals() -> Callable[[], bool]:
+    """Return whether SIGINT or SIGTERM has come.
+
+    Instead of rclpy's handlers, which invalidate the context under the callback that runs at that moment.
+    """
+    received: list[int] = []
+    for stop_signal in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(stop_signal, lambda number, _: received.append(number))
+    return lambda: bool(received)

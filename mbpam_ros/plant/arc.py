@@ -11,7 +11,8 @@ import numpy as np
 from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.plant import multibody
 from mbpam_ros.plant.finger import mass_nodes
-from mbpam_ros.plant.shapes import SHAPE_CODES, principal_inertia
+from mbpam_ros.plant.shapes import SHAPE_CODES
+from mbpam_ros.plant.solids import principal_inertia
 from mbpam_ros.plant.tiers import Actuation, Array, BodyState, PlantDivergedError, Tier, TierSetup, TierState
 
 _BENDS = 2 * FINGER_COUNT
@@ -41,11 +42,15 @@ class ArcTier(Tier):
         reaches_table = bool(table_m < geometry.length_m)
         self._surroundings = (*solid, np.ascontiguousarray(setup.planes_m, dtype=float), reaches_table, laws)
         self.reset()
+        nothing = Actuation(np.zeros((FINGER_COUNT, 2)), np.ones(FINGER_COUNT))
+        self.step(nothing, nothing, np.zeros(1), np.zeros(1))  # no sub-step: compiles now, not in the first tick
 
     def reset(self) -> None:  # noqa: D102
         body = self._setup.body
         self._bend = np.zeros(_BENDS)
-        self._velocity = np.zeros(_BENDS if body is None else _BENDS + 6)
+        self._velocity = np.zeros(_BENDS)
+        if body is not None:
+            self._velocity = np.concatenate([self._velocity, body.velocity_m_s, body.angular_velocity_rad_s])
         self._position = np.zeros(3) if body is None else np.array(body.position_m, dtype=float)
         self._orientation = np.zeros(4) if body is None else np.array(body.orientation_xyzw, dtype=float)
         self._finger_force, self._support_force = np.zeros((FINGER_COUNT, 3)), np.zeros(3)

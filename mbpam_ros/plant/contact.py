@@ -21,8 +21,11 @@ from mbpam_ros.plant.shapes import signed_distance
 
 
 @njit
-def _distance_along(bx, by, muscle, s, base, solid, half, centre, rotation):
-    """Return distance, its slope along the muscle, centreline point and outward normal, at arc length s."""
+def _distance_along(bx, by, muscle, s, base, solid, half, centre, rotation, found):
+    """Write distance, centreline point and outward normal at arc length s into ``found`` (7,).
+
+    Returns the slope of the distance along the muscle.
+    """
     x, y, z, tx, ty, tz = station(bx, by, muscle, s)
     px, py, pz = base[0] + x, base[1] + y, base[2] + z
     dx, dy, dz = px - centre[0], py - centre[1], pz - centre[2]
@@ -36,55 +39,63 @@ def _distance_along(bx, by, muscle, s, base, solid, half, centre, rotation):
     nx = rotation[0, 0] * gx + rotation[0, 1] * gy + rotation[0, 2] * gz
     ny = rotation[1, 0] * gx + rotation[1, 1] * gy + rotation[1, 2] * gz
     nz = rotation[2, 0] * gx + rotation[2, 1] * gy + rotation[2, 2] * gz
-    return distance, nx * tx + ny * ty + nz * tz, px, py, pz, nx, ny, nz
+    found[0], found[1], found[2], found[3] = distance, px, py, pz
+    found[4], found[5], found[6] = nx, ny, nz
+    return nx * tx + ny * ty + nz * tz
 
 
 @njit
-def deepest_station(bx, by, muscle, base, solid, half, centre, rotation):
+def deepest_station(bx, by, muscle, base, solid, half, centre, rotation, found):
     """Return depth [m] and arc length [m] of the muscle's deepest point in a solid; depth < 0 if they do not touch.
 
     The muscle is a ball of its radius swept along the centreline up to one radius before its end, so that its rounded
     tip ends where the muscle ends. Samples find the bracket (the distance changes by no more than the arc length, so
     none between two samples can be nearer by more than half their spacing), Illinois steps on the slope find the
-    minimum, so the point moves smoothly with the bend.
+    minimum, so the point moves smoothly with the bend. ``found`` (7,) is then distance of the centreline, its point and
+    the solid's outward normal there.
     """
     radius = muscle[2]
     last = 2.0 * muscle[0] + muscle[1] - radius
     spacing = last / (STATIONS - 1)
-    best, nearest, at_slope = 0, 1e30, 0.0
-    for k in range(STATIONS):
-        sample = _distance_along(bx, by, muscle, k * spacing, base, solid, half, centre, rotation)
-        if sample[0] < nearest:
-            best, nearest, at_slope = k, sample[0], sample[1]
-    if nearest - 0.5 * spacing > radius:
-        return -1.0, 0.0
-    if (best == STATIONS - 1 and at_slope <= 0.0) or (best == 0 and at_slope >= 0.0):
-        return radius - nearest, best * spacing
-    low, high = best * spacing, best * spacing
-    low_slope, high_slope = at_slope, at_slope
-    if at_slope > 0.0:
-        low -= spacing
-        low_slope = _distance_along(bx, by, muscle, low, base, solid, half, centre, rotation)[1]
-    else:
-        high += spacing
-        high_slope = _distance_along(bx, by, muscle, high, base, solid, half, centre, rotation)[1]
-    s, distance, side = best * spacing, nearest, 0
-    if low_slope < 0.0 < high_slope:
-        for _ in range(12):
-            s = (low * high_slope - high * low_slope) / (high_slope - low_slope)
-            sample = _distance_along(bx, by, muscle, s, base, solid, half, centre, rotation)
-            distance = sample[0]
-            if abs(sample[1]) < 1e-7 or high - low < 1e-8:
+    best, nearest, slope = 0, 1e30, 0.0
+    low, high, low_slope, high_slope, side = 0.0, 0.0, 0.0, 0.0, 0
+    s = 0.0
+    for k in range(STATIONS + 15):  # samples, the best of them again, its neighbour, Illinois steps
+        if k < STATIONS:
+            s = k * spacing
+        elif k == STATIONS:
+            if nearest - 0.5 * spacing > radius:
+                return -1.0, 0.0
+            s = best * spacing
+        slope = _distance_along(bx, by, muscle, s, base, solid, half, centre, rotation, found)
+        if k < STATIONS:
+            if found[0] < nearest:
+                best, nearest = k, found[0]
+        elif k == STATIONS:
+            if (best == STATIONS - 1 and slope <= 0.0) or (best == 0 and slope >= 0.0):
                 break
-            if sample[1] < 0.0:
-                low, low_slope = s, sample[1]
+            low, high, low_slope, high_slope = s, s, slope, slope
+            s += spacing if slope < 0.0 else -spacing
+        else:
+            if k == STATIONS + 1:
+                if s > high:
+                    high, high_slope = s, slope
+                else:
+                    low, low_slope = s, slope
+                if not low_slope < 0.0 < high_slope:
+                    break
+            elif abs(slope) < 1e-7 or high - low < 1e-8:
+                break
+            elif slope < 0.0:
+                low, low_slope = s, slope
                 high_slope *= 0.5 if side < 0 else 1.0
                 side = -1
             else:
-                high, high_slope = s, sample[1]
+                high, high_slope = s, slope
                 low_slope *= 0.5 if side > 0 else 1.0
                 side = 1
-    return radius - distance, s
+            s = (low * high_slope - high * low_slope) / (high_slope - low_slope)
+    return radius - found[0], s
 
 
 @njit

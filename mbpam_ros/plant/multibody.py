@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from mbpam_ros.plant.contact import _distance_along, deepest_station, force_law, force_slope
+from mbpam_ros.plant.contact import deepest_station, force_law, force_slope
 from mbpam_ros.plant.finger import inertia_and_load, station_jacobian
 from mbpam_ros.plant.shapes import PLANE, REST_POINTS, rest_points
 
@@ -133,36 +133,40 @@ def find_contacts(
     """
     n = 0
     point, arm, base, scratch = np.empty(3), np.empty(3), np.empty(3), np.empty((6, 2))
-    points, level, plane_centre, no_size = np.empty((REST_POINTS, 3)), np.eye(3), np.zeros(3), np.zeros(3)
+    points, level, plane_centre, found = np.empty((REST_POINTS, 3)), np.eye(3), np.zeros(3), np.empty(7)
+    if reach_planes:
+        plane_centre[2] = planes[-1, 0]
     for f in range(bases.shape[0]):
         base[0], base[1], base[2] = bases[f, 0], bases[f, 1], bases[f, 2] - lift
-        bx, by = bend[2 * f], bend[2 * f + 1]
-        if body >= 0:
-            d, s = deepest_station(bx, by, muscle, base, body, half, centre, rotation)
-            if d > 0.0:
-                found = _distance_along(bx, by, muscle, s, base, body, half, centre, rotation)
-                jacobian[n] = 0.0
-                for i in range(3):
-                    normal[n, i] = -found[5 + i]
-                    arm[i] = -0.5 * (found[0] + muscle[2]) * found[5 + i]
-                    point[i] = found[2 + i] + arm[i]
-                    offset[n, i] = 0.0
+        for target in range(2):  # the object, the table
+            on_object = target == 0
+            if (on_object and body < 0) or not (on_object or reach_planes):
+                continue
+            d, s = deepest_station(
+                bend[2 * f], bend[2 * f + 1], muscle, base,
+                body if on_object else PLANE,
+                half,
+                centre if on_object else plane_centre,
+                rotation if on_object else level,
+                found,
+            )  # fmt: skip
+            if d <= 0.0:
+                continue
+            for i in range(3):
+                normal[n, i] = -found[4 + i] if on_object else found[4 + i]
+                arm[i] = -0.5 * (found[0] + muscle[2]) * found[4 + i]
+                point[i] = found[1 + i] + arm[i]
+                offset[n, i] = 0.0
+            # Velocity of the pushed body less that of the other: minus the finger's, or the finger's on the table. The
+            # clamps rise along -z.
+            sign = -1.0 if on_object else 1.0
+            jacobian[n] = 0.0
+            if on_object:
                 object_columns(point, centre, jacobian[n])
-                finger_columns(bend, f, muscle, s, arm, -1.0, scratch, jacobian[n])
-                offset[n, 2] = hand_velocity  # minus that of the clamps, which rise along -z
-                depth[n], finger[n], kind[n] = d, f, FINGER_OBJECT
-                n += 1
-        if reach_planes:
-            plane_centre[2] = planes[-1, 0]
-            d, s = deepest_station(bx, by, muscle, base, PLANE, no_size, plane_centre, level)
-            if d > 0.0:
-                jacobian[n] = 0.0
-                arm[0], arm[1], arm[2] = 0.0, 0.0, muscle[2] - 0.5 * d
-                normal[n, 0], normal[n, 1], normal[n, 2] = 0.0, 0.0, -1.0
-                offset[n, 0], offset[n, 1], offset[n, 2] = 0.0, 0.0, -hand_velocity
-                finger_columns(bend, f, muscle, s, arm, 1.0, scratch, jacobian[n])
-                depth[n], finger[n], kind[n] = d, f, FINGER_SUPPORT
-                n += 1
+            finger_columns(bend, f, muscle, s, arm, sign, scratch, jacobian[n])
+            offset[n, 2] = -sign * hand_velocity
+            depth[n], finger[n], kind[n] = d, f, FINGER_OBJECT if on_object else FINGER_SUPPORT
+            n += 1
     if body >= 0:
         for p in range(planes.shape[0]):
             footprint = not math.isinf(planes[p, 1])
@@ -252,48 +256,40 @@ def solve_contacts(a, b, v, size, n, h, laws, depth, normal, jacobian, offset, f
     residual, step, trial = np.empty(size), np.empty(size), np.empty(size)
     velocity, push = np.zeros((n, 6)), np.zeros(n)
     own, grip = np.full(n, -1.0), np.empty(n)
-    worst = contact_residual(
-        a, b, v, size, n, h, laws, depth, normal, jacobian, offset, finger, kind, own, velocity, force, push, residual
-    )  # fmt: skip
     iterations = 0
-    while worst > VELOCITY_TOLERANCE and iterations < NEWTON_LIMIT:
-        iterations += 1
-        grip[:] = push
-        if not newton_step(
-            a, residual, size, n, h, True, laws, normal, jacobian, finger, kind, velocity, force, push,
-            system, slope, product, step,
-        ):  # fmt: skip
-            return np.inf, iterations
-        for i in range(size):
-            trial[i] = v[i] - step[i]
-        after = contact_residual(
-            a, b, trial, size, n, h, laws, depth, normal, jacobian, offset, finger, kind, own,
-            velocity, force, push, residual,
-        )  # fmt: skip
-        if after > 0.5 * worst:
-            contact_residual(
+    while True:
+        for attempt in range(2):
+            whole = attempt == 0
+            worst = contact_residual(
                 a, b, v, size, n, h, laws, depth, normal, jacobian, offset, finger, kind, own,
                 velocity, force, push, residual,
             )  # fmt: skip
+            if whole and (worst <= VELOCITY_TOLERANCE or iterations >= NEWTON_LIMIT):
+                return worst, iterations
+            iterations += 1
+            for c in range(n):
+                grip[c] = own[c] if whole else push[c]
             if not newton_step(
-                a, residual, size, n, h, False, laws, normal, jacobian, finger, kind, velocity, force, push,
+                a, residual, size, n, h, whole, laws, normal, jacobian, finger, kind, velocity, force, push,
                 system, slope, product, step,
             ):  # fmt: skip
                 return np.inf, iterations
+            # Along the step: the slope of the convex function, from below zero at 0; Illinois steps to its root.
             low, high, low_slope, high_slope, side, fraction = 0.0, 1.0, 0.0, 0.0, 0, 1.0
             for i in range(size):
                 low_slope -= residual[i] * step[i]
+            enough = 1e-3 * abs(low_slope)
             for line in range(10):
                 for i in range(size):
                     trial[i] = v[i] - fraction * step[i]
-                contact_residual(
+                after = contact_residual(
                     a, b, trial, size, n, h, laws, depth, normal, jacobian, offset, finger, kind, grip,
                     velocity, force, push, residual,
                 )  # fmt: skip
                 here = 0.0
                 for i in range(size):
                     here -= residual[i] * step[i]
-                if (line == 0 and here <= 0.0) or abs(here) <= 1e-3 * abs(low_slope):
+                if whole or (line == 0 and here <= 0.0) or abs(here) <= enough:
                     break
                 if here > 0.0:
                     high, high_slope = fraction, here
@@ -304,13 +300,10 @@ def solve_contacts(a, b, v, size, n, h, laws, depth, normal, jacobian, offset, f
                     high_slope *= 0.5 if side < 0 else 1.0
                     side = -1
                 fraction = (low * high_slope - high * low_slope) / (high_slope - low_slope)
-            after = contact_residual(
-                a, b, trial, size, n, h, laws, depth, normal, jacobian, offset, finger, kind, own,
-                velocity, force, push, residual,
-            )  # fmt: skip
-        v[:] = trial
-        worst = after
-    return worst, iterations
+            if after <= 0.5 * worst:
+                break
+        for i in range(size):
+            v[i] = trial[i]
 
 
 @njit
@@ -462,8 +455,8 @@ def _cached(source_digest: int) -> Callable[..., tuple[int, int]]:
 
 def _source_digest() -> int:
     digest = 0
-    for name in ("shapes.py", "finger.py", "contact.py", "multibody.py"):
-        digest = zlib.crc32(Path(__file__).with_name(name).read_bytes(), digest)
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest = zlib.crc32(source.read_bytes(), digest)
     return digest
 
 

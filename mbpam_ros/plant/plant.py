@@ -16,6 +16,7 @@ from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.lift import HandLift, LiftAnswer
 from mbpam_ros.plant.scene import Scene
+from mbpam_ros.plant.solids import half_height
 from mbpam_ros.plant.tiers import (
     Actuation,
     BodyState,
@@ -33,7 +34,7 @@ from mbpam_ros.pneumatics.transducer import Transducer
 Array = NDArray[np.float64]
 
 REST_TOLERANCE_M = 0.002
-"""How deep in its support an object may start."""
+"""How deep in a support anything may start."""
 
 
 class StepSizeError(ValueError):
@@ -222,13 +223,19 @@ def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetu
     }
     config = dataclasses.replace(config, finger_object=dataclasses.replace(config.finger_object, **overrides))
     support = scene.config.support
+    planes = np.empty((0, 3)) if support is None else support.planes_m
+    if len(planes) and planes[-1, 0] < gripper.geometry.length_m - REST_TOLERANCE_M:
+        raise ConfigError(
+            f"scene {scene.name}: the table is {planes[-1, 0]:g} m under the palm, the hanging muscles reach "
+            f"{gripper.geometry.length_m:g} m; use a deeper table, or a slim stand on one (half_size_m, stand_height_m)"
+        )
     return TierSetup(
         geometry=gripper.geometry,
         finger_base_m=gripper.finger_base_m,
         gravity_m_s2=scene.config.gravity_m_s2,
         sub_step_s=scene.config.sub_step_s,
         body=_body(scene),
-        planes_m=np.empty((0, 3)) if support is None else support.planes_m,
+        planes_m=planes,
         config=config,
     )
 
@@ -239,8 +246,6 @@ def _body(scene: Scene) -> RigidBody | None:
         return None
     position, orientation = np.array(scene.config.object_position_m), scene.object_orientation_xyzw
     if support is not None:
-        from mbpam_ros.plant.shapes import half_height  # here: an empty scene does without the compiler
-
         inside = position[2] + half_height(spec.shape, spec.size_m, orientation) - support.depth_m
         if inside > REST_TOLERANCE_M:
             raise ConfigError(

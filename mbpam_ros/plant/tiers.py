@@ -52,13 +52,15 @@ class PlantConfig:
 
 @dataclass(frozen=True)
 class RigidBody:
-    """A free solid and where it starts, world frame."""
+    """A free solid and where and how fast it starts, world frame."""
 
     shape: str
     size_m: tuple[float, float, float]
     mass_kg: float
     position_m: Array
     orientation_xyzw: Array
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    angular_velocity_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)

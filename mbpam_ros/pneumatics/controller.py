@@ -8,9 +8,11 @@ exponentially over ``approach_time_s`` before it arrives. The wanted pressure ra
 with r the reference and m = r seen through the loop's own delay (first order, ``loop_delay_s``), so that feed-forward
 and feedback do not push twice. The opening is v over the rate the valve would give at full opening there: by the
 first-order model, (supply - p) / tau to fill, p / tau to vent. The integral learns leaks: it is fed only once the
-reference has arrived and the opening is not saturated (conditional integration), and bounded. Reference and
-m are integrated exactly. The sampled loop is stable, with margin, while Kp times the ratio of true to assumed valve
-rate stays below about 1 / (total delay): 1 / 0.035 s = 28 1/s at 100 Hz with one sample of delay.
+reference has arrived and the opening is not saturated (conditional integration), and it is bounded.
+
+The reference and m are integrated exactly, so the interval between updates matters only as delay. A chamber integrates
+its opening; with a delay T in the loop it is stable while Kp times the ratio of true to assumed valve rate stays below
+pi / (2 T), and overshoots little below 1 / T (T = 0.035 s: 28 1/s, so a valve may be almost twice as fast as assumed).
 """
 
 from __future__ import annotations
@@ -269,7 +271,6 @@ class PressureController:
         if time_s < self._time or self._time == -math.inf:
             self._valid_at[:] = time_s
             self._restart[:] = True
-            self._spool = np.zeros(CHANNEL_COUNT)
         self._time = time_s
 
     def _watch(self, valid: Mask, pressure: Vector) -> None:

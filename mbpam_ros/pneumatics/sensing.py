@@ -29,7 +29,7 @@ class SensingInputError(ValueError):
     """Samples that cannot be read: wrong shape or a time that is not finite. Nothing was changed."""
 
 
-class ZeroRefused(RuntimeError):
+class ZeroRefusedError(RuntimeError):
     """The present reading may not become the zero; the message names the channel and the reason."""
 
 
@@ -110,7 +110,7 @@ class PressureSensing:
         self._gain_pa_v = gain
         self._zero_v = transducer.zero_v + np.array(config.channel_offset_v)
         self._variance_floor = (gain * transducer.resolution_v) ** 2 / 12.0
-        self._expected_noise = (gain * transducer.noise_v) ** 2 + self._variance_floor
+        self._expected_noise = (gain * transducer.noise_v) ** 2 + self._variance_floor  # until there is experience
         self._zero_correction = np.zeros(CHANNEL_COUNT)
         self._forget(0.0)
 
@@ -151,14 +151,16 @@ class PressureSensing:
         """Make the present readings the zero and return the whole correction, shape (16,) [Pa].
 
         Raises:
-            ZeroRefused: a channel has no valid reading, or is further than ``zero_limit_pa`` from the data sheet's
+            ZeroRefusedError: a channel has no valid reading, or is further than ``zero_limit_pa`` from the data sheet's
                 zero, zeroing done before included. Nothing is changed then.
         """
         for channel in np.flatnonzero(self._status != _OK):
-            raise ZeroRefused(f"{CHANNEL_NAMES[channel]} has no valid reading: {_STATUS[self._status[channel]].value}")
+            raise ZeroRefusedError(
+                f"{CHANNEL_NAMES[channel]} has no valid reading: {_STATUS[self._status[channel]].value}"
+            )
         correction = self._zero_correction + self._pressure
         for channel in np.flatnonzero(np.abs(correction) > self._config.zero_limit_pa):
-            raise ZeroRefused(
+            raise ZeroRefusedError(
                 f"{CHANNEL_NAMES[channel]} reads {correction[channel]:.0f} Pa before correction, more than "
                 f"{self._config.zero_limit_pa:.0f} Pa from zero; vent it first"
             )
@@ -210,8 +212,8 @@ class PressureSensing:
         variance = np.maximum(noise * alpha / (2.0 - alpha), self._variance_floor)
 
         moved = valid & ~fresh & (interval > 0.0)
-        self._noise = np.where(moved, noise, np.where(fresh, self._expected_noise, self._noise))
-        self._variance = np.where(moved, variance, np.where(fresh, self._expected_noise, self._variance))
+        self._variance = np.where(moved, variance, np.where(fresh, self._noise, self._variance))
+        self._noise = np.where(moved, noise, self._noise)
         self._pressure = np.where(valid, np.where(fresh, raw_pa, self._pressure + alpha * residual), np.nan)
         self._filtered_at = np.full(CHANNEL_COUNT, self._time)
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -49,9 +49,10 @@ ENCODINGS: tuple[Encoding, ...] = ("rgb8", "bgr8", "mono8")
 LABELS: dict[str, str] = {"sphere": "sphere", "cylinder": "rod", "box": "box"}
 
 _COARSE = 2  # segmentation works on every second pixel
-_CONTOUR_POINTS = 120
+_CONTOUR_POINTS = 90
 _WORST_CONTOUR_PX = 14.0
-_CONTOUR_TIE_PX = 4.0
+_CONTOUR_TIE_PX = 3.0
+_GOOD_CONTOUR_PX = 1.0
 _SHADING_SAMPLES = 500
 _SHADING_WEIGHT_PX2 = 6.0
 _GOOD_COST_PX2 = 1.0
@@ -73,7 +74,7 @@ class DetectorConfig:
         finger_margin_m: fingers are masked this much thicker than they are.
         accepted_size_sigma_m: confidence halves at this standard deviation of a size or of the position.
         min_confidence: less certain detections are dropped.
-        min_object_height_m: lower objects are dropped.
+        min_object_size_m: what is smaller in any extent is dropped.
     """
 
     segmentation: SegmentationConfig
@@ -81,10 +82,10 @@ class DetectorConfig:
     finger_margin_m: float
     accepted_size_sigma_m: float
     min_confidence: float
-    min_object_height_m: float
+    min_object_size_m: float
 
     def __post_init__(self) -> None:
-        require_positive(self, "edge_levels", "accepted_size_sigma_m", "min_object_height_m")
+        require_positive(self, "edge_levels", "accepted_size_sigma_m", "min_object_size_m")
         if self.finger_margin_m < 0.0 or not 0.0 <= self.min_confidence <= 1.0:
             raise ValueError("finger_margin_m must not be negative, min_confidence must lie in 0..1")
 
@@ -201,9 +202,7 @@ class ObjectDetector:
             self._views = {intrinsics: _View(Camera(intrinsics, self._pose))}
         return self._views[intrinsics]
 
-    def _detection(
-        self, found: _Hypothesis, camera: Camera, lens: NDArray | None, support_depth_m: float
-    ) -> Detection:
+    def _detection(self, found: _Hypothesis, camera: Camera, lens: NDArray | None, support_depth_m: float) -> Detection:
         shape = found.fit.shape
         parameters = canonical(shape, found.fit.parameters)
         body = to_body(shape, parameters, support_depth_m)
@@ -302,7 +301,9 @@ class _Search:
         coarse_size = (hidden.shape[1], hidden.shape[0])
         coarse = cv2.resize(image, coarse_size, interpolation=cv2.INTER_AREA).astype(np.float32)
         self._coarse = coarse.reshape(*hidden.shape, -1)
-        full_hidden = cv2.resize(hidden, (k.width_px, k.height_px), interpolation=cv2.INTER_NEAREST)
+        # An edge near a finger may be the finger's: keep off by more than the search reaches in the end.
+        wide = cv2.dilate(hidden, np.ones((5, 5), np.uint8))
+        full_hidden = cv2.resize(wide, (k.width_px, k.height_px), interpolation=cv2.INTER_NEAREST)
         smooth = cv2.GaussianBlur(image, (3, 3), 0.8).astype(np.float32)
         self._fit = SilhouetteFit(camera, support_depth_m, smooth, full_hidden, config.edge_levels)
         self._min_area = config.segmentation.min_area_px / _COARSE**2
@@ -319,9 +320,21 @@ class _Search:
         hypotheses.sort(key=lambda h: -_confidence(h, self._config))
         chosen: list[_Hypothesis] = []
         for candidate in hypotheses:
-            if not any(self._collide(candidate, other) for other in chosen):
+            if not any(self._collide(candidate, other) for other in chosen) and self._stands_beside(candidate, chosen):
                 chosen.append(candidate)
         return chosen
+
+    def _stands_beside(self, candidate: _Hypothesis, chosen: list[_Hypothesis]) -> bool:
+        """Whether the candidate's own edges suffice, without those it shares with surer objects.
+
+        What is left of a stand behind the object that stands on it has an outline, but not one of its own.
+        """
+        fit = candidate.fit
+        try:
+            alone = self._fit.judge(fit.shape, fit.parameters, [other.outline for other in chosen])
+        except FitError:
+            return False
+        return self._acceptable(replace(candidate, fit=alone))
 
     def _groups(self, regions: list[NDArray[np.bool_]]) -> Iterator[NDArray[np.bool_]]:
         """The regions, and the unions of regions that one finger may have cut apart."""
@@ -392,6 +405,8 @@ class _Search:
                 continue
             if best is None or rms < best[1]:
                 best = (parameters, rms)
+            if rms < _GOOD_CONTOUR_PX:
+                break
         return best if best is not None and best[1] < _WORST_CONTOUR_PX else None
 
     def _hypothesis(self, fit: EdgeFit, region: NDArray[np.bool_]) -> _Hypothesis:
@@ -434,11 +449,10 @@ class _Search:
     def _acceptable(self, hypothesis: _Hypothesis) -> bool:
         fit = hypothesis.fit
         size = sizes(fit.shape, fit.parameters)
-        height = size[2] if fit.shape == "box" else size[0]
         return (
             not hypothesis.holes
             and hypothesis.overlap > _LEAST_OVERLAP
-            and height >= self._config.min_object_height_m
+            and size.min() >= self._config.min_object_size_m
             and _confidence(hypothesis, self._config) >= self._config.min_confidence
         )
 

@@ -22,8 +22,8 @@ from mbpam_ros.vision.raycast import Body
 Shape = Literal["sphere", "cylinder", "box"]
 SHAPES: tuple[Shape, ...] = ("sphere", "cylinder", "box")
 
-SPHERE_VERTICES = 64
-CAP_VERTICES = 36
+SPHERE_VERTICES = 48
+CAP_VERTICES = 32
 
 _PARAMETERS: dict[str, tuple[str, ...]] = {
     "sphere": ("x", "y", "radius"),
@@ -91,9 +91,9 @@ def _sphere_outline(p: NDArray, support_depth_m: float, eye_m: NDArray) -> NDArr
 
 def box_creases(parameters: NDArray, support_depth_m: float, eye_m: NDArray) -> NDArray[np.intp]:
     """Vertex pairs, shape (c, 2), of a box's edges between two faces that the eye sees."""
-    body = to_body(("box"), parameters, support_depth_m)
+    body = to_body("box", parameters, support_depth_m)
     eye = (eye_m - body.centre) @ body.rotation
-    seen = _BOX_FACES @ eye > _BOX_FACES.__abs__() @ body.half_size
+    seen = _BOX_FACES @ eye > np.abs(_BOX_FACES) @ body.half_size
     on_face = (_BOX_SIGNS @ _BOX_FACES.T) > 0.5  # (8, 6)
     faces_of_edge = on_face[_BOX_EDGES[:, 0]] & on_face[_BOX_EDGES[:, 1]]
     return _BOX_EDGES[(faces_of_edge & seen).sum(axis=1) == 2]

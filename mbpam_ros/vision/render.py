@@ -29,7 +29,7 @@ _VOID_LEVEL = 24.0  # rays that meet nothing
 _NEAR_M = 0.003  # parts of a finger nearer to the image plane are outside any sensible field of view
 _WAVE_LENGTH_M = 0.00714  # the muscle's bellows, drawn as stripes
 _STRIPE = 0.10
-_LONGEST_SEGMENT_SAG_M = 2e-4  # centrelines are drawn as chords with no more sag than this
+_LONGEST_SEGMENT_SAG_M = 5e-4  # centrelines are drawn as chords with no more sag than this
 
 
 class ViewError(ValueError):

@@ -8,6 +8,8 @@ than any shadow. No object's colour and no table's colour is assumed.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,8 +19,9 @@ from mbpam_ros.configuration import require_positive
 
 _RING_FRACTION = 0.05  # width of the frame along the image's border that is first taken for table
 _SAMPLE_STRIDE = 5
-_FIRST_DEGREE, _DEGREE = 2, 4
-_ROUNDS = 4
+_GRID = 8
+_INLIER_LEVELS = (40.0, 12.0, 12.0, 12.0)  # successive fits: first to the border alone, then to all that looks alike
+_DEGREES = (2, 2, 4, 4)
 _HUE_BINS = 32
 _HUE_BIN_SHARE = 0.01
 _CLUSTER_SHARE = 0.08
@@ -59,60 +62,62 @@ def table_surface(image: NDArray[np.float32], known: NDArray[np.bool_]) -> tuple
         (h, w, c) levels of the table as if nothing stood on it, and the standard deviation of the noise [levels].
     """
     height, width, channels = image.shape
+    sample, border, terms, orders, grid, maps = _surface_basis(height, width)
+    pixels, usable = image[sample].reshape(-1, channels), known[sample].ravel()
+    border = border & usable
+    if border.sum() < 4 * terms.shape[1]:
+        border = usable
+    if border.sum() < 4 * terms.shape[1]:
+        return np.zeros_like(image), 0.0
+    coefficients = np.zeros((terms.shape[1], channels), dtype=np.float32)
+    coefficients[0] = np.median(pixels[border], axis=0)
+    noise = 0.0
+    for candidates, limit, degree in zip((border, usable, usable, usable), _INLIER_LEVELS, _DEGREES, strict=True):
+        residual = np.abs(pixels - terms @ coefficients).max(axis=1)
+        inliers = candidates & (residual < limit)
+        columns = orders <= degree
+        if inliers.sum() < 4 * columns.sum():
+            break
+        basis, levels = terms[inliers][:, columns], pixels[inliers]
+        coefficients[:] = 0.0
+        ridge = 1e-6 * len(basis) * np.eye(basis.shape[1], dtype=np.float32)
+        coefficients[columns] = np.linalg.solve(basis.T @ basis + ridge, basis.T @ levels)
+        noise = 1.4826 * float(np.median(np.abs(levels - basis @ coefficients[columns])))
+    small = (grid @ coefficients).reshape(-(-height // _GRID), -(-width // _GRID), channels)
+    return cv2.remap(small, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(image.shape), noise
+
+
+@lru_cache(maxsize=4)
+def _surface_basis(height: int, width: int) -> tuple[Any, ...]:
+    """What :func:`table_surface` needs of an image size: sampled pixels, which of them lie on the border, the
+    polynomial's terms there and their degrees, its terms on a coarse grid, and the maps from grid to pixels."""
     v, u = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
     ring_rows, ring_columns = max(int(_RING_FRACTION * height), 1), max(int(_RING_FRACTION * width), 1)
     ring = np.ones((height, width), dtype=bool)
     ring[ring_rows:-ring_rows, ring_columns:-ring_columns] = False
-    every = np.s_[::_SAMPLE_STRIDE, ::_SAMPLE_STRIDE]
-    pixels, usable = image[every].reshape(-1, channels), known[every].ravel()
-    terms, orders = _terms(u[every].ravel(), v[every].ravel())
-    border = usable & ring[every].ravel()
-    if border.sum() < 4 * terms.shape[1]:
-        border = usable
-    colour = np.median(pixels[border], axis=0) if border.any() else np.zeros(channels, dtype=np.float32)
-    surface = np.broadcast_to(colour, pixels.shape)
-    coefficients = np.zeros((terms.shape[1], channels), dtype=np.float32)
-    coefficients[0] = colour
-    inliers, noise = border, 1.0
-    for i in range(_ROUNDS):
-        distance = np.abs(pixels - surface).max(axis=1)
-        candidates = border if i == 0 else usable
-        limit = 40.0 if i == 0 else 12.0
-        inliers = candidates & (distance < limit)
-        columns = orders <= (_FIRST_DEGREE if i < 2 else _DEGREE)
-        if inliers.sum() < 4 * columns.sum():
-            break
-        coefficients[:] = 0.0
-        coefficients[columns] = np.linalg.lstsq(terms[inliers][:, columns], pixels[inliers], rcond=None)[0]
-        surface = terms @ coefficients
-        noise = 1.4826 * float(np.median(np.abs(pixels[inliers] - surface[inliers])))
-    grid, _ = _terms(u[::8, ::8].ravel(), v[::8, ::8].ravel())
-    return _grow(grid @ coefficients, u[::8, ::8], (height, width)), noise
+    sample = np.s_[::_SAMPLE_STRIDE, ::_SAMPLE_STRIDE]
+    powers = sorted(((i, j) for i in range(5) for j in range(5 - i)), key=sum)
+
+    def terms(every: tuple[slice, slice]) -> NDArray[np.float32]:
+        return np.stack([u[every].ravel() ** i * v[every].ravel() ** j for i, j in powers], axis=1)
+
+    columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    grid = terms(np.s_[::_GRID, ::_GRID])
+    orders = np.array([i + j for i, j in powers])
+    return sample, ring[sample].ravel(), terms(sample), orders, grid, (columns / _GRID, rows / _GRID)
 
 
-def _terms(u: NDArray, v: NDArray) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
-    powers = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
-    powers.sort(key=sum)
-    return np.stack([u**i * v**j for i, j in powers], axis=1), np.array([i + j for i, j in powers])
+def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.einsum("ijk,ijk->ij", a, b)
 
 
-def _grow(values: NDArray, coarse: NDArray, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Interpolate values at every eighth pixel to all pixels."""
-    small = values.reshape(*coarse.shape, -1).astype(np.float32)
-    u, v = np.meshgrid(np.arange(shape[1], dtype=np.float32) / 8.0, np.arange(shape[0], dtype=np.float32) / 8.0)
-    grown = cv2.remap(small, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return grown.reshape(*shape, -1)
-
-
-def foreground(
-    image: NDArray[np.float32], known: NDArray[np.bool_], config: SegmentationConfig
-) -> NDArray[np.bool_]:
+def foreground(image: NDArray[np.float32], known: NDArray[np.bool_], config: SegmentationConfig) -> NDArray[np.bool_]:
     """Pixels, (h, w), that are neither table nor shadow nor unknown. ``image`` is (h, w, c) levels."""
     table, noise = table_surface(image, known)
     table = np.maximum(table, 1.0)
     channels = image.shape[2]
-    table_sq = (table * table).sum(axis=2)
-    ratio = (image * table).sum(axis=2) / table_sq
+    table_sq = _dot(table, table)
+    ratio = _dot(image, table) / table_sq
     brightness = np.sqrt(table_sq / channels)
     floor = config.noise_sigmas * noise
     result = (ratio - 1.0) * brightness > max(config.brighter_levels, floor)
@@ -120,7 +125,7 @@ def foreground(
     result |= darker
     if channels > 1:
         off_hue = image - ratio[..., None] * table
-        result |= (off_hue * off_hue).sum(axis=2) > channels * max(config.hue_levels, floor) ** 2
+        result |= _dot(off_hue, off_hue) > channels * max(config.hue_levels, floor) ** 2
     result &= known
     cleaned = cv2.morphologyEx(result.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     return cleaned.astype(bool)

@@ -10,6 +10,7 @@ Two stages, both damped Gauss-Newton with Jacobians from finite differences of t
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -27,7 +28,7 @@ _SMALLEST_SIZE_M = 0.004
 _LARGEST_SIZE_M = 0.60
 _NEAREST_M = 0.004
 _DAMPING = 1e-3
-_CONVERGED_M = 2e-5
+_CONVERGED_M = 5e-4  # of the contour fit; the edges do the rest
 
 
 class FitError(ValueError):
@@ -117,7 +118,7 @@ class SilhouetteFit:
             if new > old:
                 damping *= 10.0
                 continue
-            converged = np.abs(trial - parameters).max() < 10.0 * _CONVERGED_M
+            converged = np.abs(trial - parameters).max() < _CONVERGED_M
             parameters, distances, edges, damping = trial, new_distances, new_edges, max(0.2 * damping, 1e-6)
             if converged:
                 break
@@ -140,11 +141,21 @@ class SilhouetteFit:
             weights = np.where(found, 1.0 / (1.0 + (offsets / (2.0 * scale)) ** 2) ** 2, 0.0)
             step = _solve(jacobian, -offsets, weights, 1e-5)
             parameters = _bounded(shape, parameters, step, self._reach_m())
-        return self._judge(shape, parameters)
+        return self.judge(shape, parameters)
 
-    def _judge(self, shape: Shape, parameters: NDArray) -> EdgeFit:
+    def judge(self, shape: Shape, parameters: NDArray, others: Iterable[NDArray] = ()) -> EdgeFit:
+        """How the parameters agree with the image's edges, but for edges within or on the outlines ``others``,
+        which may hide the primitive.
+
+        Raises:
+            FitError: too little is visible.
+        """
         reach = _SEARCH_REACH_PX[-1]
         controls = self._controls(shape, parameters)
+        for outline in others:
+            polygon = outline.astype(np.float32)
+            inner = [cv2.pointPolygonTest(polygon, (float(u), float(v)), True) for u, v in controls.points]
+            controls.visible[np.array(inner) > -float(reach)] = False
         offsets, strengths = self._search(controls, reach)
         found = strengths > 0.0
         squares = np.where(found, np.minimum(offsets**2, reach**2), float(reach**2))
@@ -155,7 +166,7 @@ class SilhouetteFit:
         good = found & (np.abs(offsets) < 1.5)
         jacobian = self._jacobian(shape, parameters, controls)[good]
         # Neighbouring control points share their error: count the points as one in four.
-        variance = 4.0 * max(float(np.mean(offsets[good] ** 2)) if good.any() else reach**2, 0.15**2)
+        variance = 4.0 * max(float(np.mean(offsets[good] ** 2)) if good.any() else reach**2, 0.08**2)
         information = jacobian.T @ jacobian + 1e-3 * np.eye(len(parameters))
         sigma = np.sqrt(variance * np.diag(np.linalg.inv(information)))
         sigma[FIRST_SIZE[shape] :] *= 2.0 if shape == "sphere" else 1.0
@@ -240,7 +251,8 @@ class SilhouetteFit:
         peak = preferred.argmax(axis=1)
         around = np.clip(peak[:, None] + np.arange(-2, 3), 0, len(middle) - 1)
         rows = np.arange(len(peak))[:, None]
-        share = strength[rows, around]
+        # Only the step itself counts; the slope of the shading beside it would draw the edge inward.
+        share = np.maximum(strength[rows, around] - 0.4 * strength[rows, peak[:, None]], 0.0)
         total = share.sum(axis=1)
         offset = (share * middle[around]).sum(axis=1) / np.maximum(total, 1e-9)
         best = np.where(controls.visible, strength[rows[:, 0], peak], 0.0)
@@ -264,8 +276,8 @@ def _hull(points: NDArray) -> NDArray[np.intp]:
     order = cv2.convexHull(points.astype(np.float32), clockwise=False, returnPoints=False).ravel()
     if len(order) < 3:
         raise FitError("degenerate silhouette")
-    corner = points[order]
-    area = float(np.cross(np.c_[corner, np.zeros(len(corner))], np.c_[np.roll(corner, -1, 0), np.zeros(len(corner))])[:, 2].sum())
+    x, y = points[order].T
+    area = float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
     return order if area > 0.0 else order[::-1]
 
 

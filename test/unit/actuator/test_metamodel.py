@@ -139,6 +139,20 @@ def test_kriging_is_less_certain_outside_its_samples():
     assert model.predict_variance([[1.5, 3.0]])[0] > 1.3 * model.predict_variance(design).mean()
 
 
+def test_kriging_far_from_its_samples_knows_only_its_uncertain_mean():
+    design, theta, _ = read_samples(TRAINING_TABLE)
+    model = OrdinaryKriging().fit(design, theta)
+    scaled = design - [2.5, 2.0]
+    distance2 = ((scaled[:, None] - scaled) ** 2 / model.length_scales**2).sum(axis=-1)
+    precision = np.linalg.inv(np.exp(-0.5 * distance2) + model.nugget * np.eye(len(design)))
+    ones = np.ones(len(design))
+    mean = (ones @ precision @ theta) / (ones @ precision @ ones)
+    variance = (theta - mean) @ precision @ (theta - mean) / len(theta)
+    assert model.predict([[99.0, 99.0]])[0] == pytest.approx(mean)
+    expected = variance * (1.0 + model.nugget + 1.0 / (ones @ precision @ ones))
+    assert model.predict_variance([[99.0, 99.0]])[0] == pytest.approx(expected)
+
+
 def test_kriging_errors_are_within_three_of_their_own_standard_deviations():
     design, theta, force = read_samples(TRAINING_TABLE)
     checked, checked_theta, checked_force = read_samples(VALIDATION_TABLE)

@@ -5,7 +5,12 @@ import pytest
 from scipy.optimize import minimize
 
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
-from mbpam_ros.actuator.planar_rod import blocked_tip_force_per_moment, rod_tip_angle, stiffness_for_tip_angle
+from mbpam_ros.actuator.planar_rod import (
+    RodSolutionError,
+    blocked_tip_force_per_moment,
+    rod_tip_angle,
+    stiffness_for_tip_angle,
+)
 from mbpam_ros.gripper import load_gripper
 
 GEOMETRY = load_gripper().geometry
@@ -59,6 +64,11 @@ def test_the_weight_bends_the_upright_rod_further():
 def test_the_stiffness_for_a_tip_angle_returns_that_angle():
     stiffness = stiffness_for_tip_angle(2.6, 0.045, GEOMETRY)
     assert rod_tip_angle(0.045, stiffness, GEOMETRY) == pytest.approx(2.6, rel=1e-9)
+
+
+def test_an_angle_that_no_stiffness_gives_is_a_typed_error():
+    with pytest.raises(RodSolutionError, match="no equilibrium of the upright rod"):
+        stiffness_for_tip_angle(0.1, 1e-9, GEOMETRY)
 
 
 def test_the_blocked_force_undoes_the_free_tip_deflection():

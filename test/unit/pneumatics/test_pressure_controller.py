@@ -114,7 +114,9 @@ class TestEnabling:
         hold(loops, 75e3, count=200)
         loops.enable(False)
         loops.enable(True)
-        np.testing.assert_array_equal(loops.update(2.0, np.full(16, 80e3)), np.zeros(16))
+        np.testing.assert_array_equal(loops.update(2.0, np.full(16, 75e3)), np.zeros(16))
+        expected = CONFIG.rate_limit_pa_s * CONFIG.fill_time_constant_s / (200e3 - 75e3)
+        assert (loops.update(2.01, np.full(16, 75e3)) < expected).all()
 
     def test_enabling_again_while_enabled_disturbs_nothing(self):
         loops, same = controller(), controller()
@@ -144,6 +146,7 @@ class TestStop:
         loops.enable(True)
         loops.request(np.full(16, 50e3))
         assert not loops.vented
+        np.testing.assert_array_equal(loops.check(0.005), np.zeros(16))
         np.testing.assert_array_equal(loops.update(0.01, np.full(16, 50e3)), np.zeros(16))
 
 
@@ -187,7 +190,7 @@ class TestAntiWindup:
 
     def test_the_integral_learns_a_steady_need(self):
         openings = hold(controller(80e3), 79e3, count=150)[:, 0]
-        learning = openings[40:100]  # the reference stands still by then, the limit is not reached yet
+        learning = openings[50:100]  # the reference stands still by then, the limit is not reached yet
         slope = CONFIG.integral_gain_1_s2 * 1e3 * CONFIG.fill_time_constant_s / 121e3 * 0.01
         np.testing.assert_allclose(np.diff(learning), slope, rtol=0.02)
 
@@ -231,6 +234,14 @@ class TestWatchdog:
         assert spool[BAD] == 0.0
         assert loops.reference_gauge_pa[BAD] == pytest.approx(55e3)
 
+    def test_after_a_gap_the_reference_moves_on_by_no_more_than_the_hold_time(self):
+        loops = controller()
+        hold(loops, 10e3)
+        before = loops.reference_gauge_pa
+        loops.update(0.19 + 0.15, np.full(16, 10e3))
+        moved = loops.reference_gauge_pa - before
+        assert (moved > 0.0).all() and (moved <= CONFIG.rate_limit_pa_s * CONFIG.hold_time_s + 1e-6).all()
+
     def test_time_going_back_restarts_the_loops_and_the_watchdog(self):
         loops = controller()
         hold(loops, 20e3, start=1000)
@@ -260,6 +271,8 @@ class TestOverPressure:
             np.testing.assert_array_equal(spool[OTHERS], 0.0)
             assert (loops.faults[BAD] is OVER_PRESSURE) == vents
             assert (spool[BAD] == -1.0) == vents
+        assert spool[BAD] == 0.0  # from here on it goes on without a jump
+        assert loops.reference_gauge_pa[BAD] == pytest.approx(release - 1 if enabled else 0.0)
         assert loops.faults == (NONE,) * 16
 
     def test_it_keeps_venting_when_the_reading_is_lost(self):

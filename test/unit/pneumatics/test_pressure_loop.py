@@ -114,6 +114,22 @@ def test_other_plants_than_the_assumed_one_settle_a_little_later_without_more_ov
     assert overshoot(pressures, start_pa, target_pa) <= 0.05
 
 
+def test_at_low_pressure_the_loop_gain_stays_bounded():
+    # The ideal plant does not slow down toward ambient as the feed-forward assumes.
+    pressures, _ = step_response(60e3, 5e3, model="ideal")
+    assert overshoot(pressures, 60e3, 5e3) <= 0.02
+
+
+def test_samples_lost_now_and_then_do_little_harm():
+    joined = Loop(0.0)
+    random, measure = np.random.default_rng(2), joined.transducer.measure
+    joined.transducer.measure = lambda p: np.where(random.random(16) < 0.03, np.nan, measure(p))
+    joined.request(80e3)
+    pressures, _ = joined.run(2.0)
+    assert settling_time_s(pressures, 80e3, 1.6e3) <= 1.0
+    assert overshoot(pressures, 0.0, 80e3) <= 0.05
+
+
 @pytest.mark.parametrize("delay_samples", [0, 2, 3])
 def test_up_to_three_samples_of_delay_are_tolerated(delay_samples):
     pressures, _ = step_response(0.0, 80e3, delay_samples=delay_samples)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mbpam_ros.pneumatics.config import load_pneumatics
-from mbpam_ros.pneumatics.sensing import ChannelStatus, PressureSensing, SensingInputError, ZeroRefused
+from mbpam_ros.pneumatics.sensing import ChannelStatus, PressureSensing, SensingInputError, ZeroRefusedError
 from mbpam_ros.pneumatics.transducer import Transducer
 
 DEFAULTS = load_pneumatics()
@@ -49,6 +49,8 @@ def test_the_first_sample_is_a_reading():
     np.testing.assert_allclose(reading.pressure_gauge_pa, np.linspace(0, 150e3, 16), atol=1e-6)
     assert reading.status == (OK,) * 16
     assert reading.time_s == 0.0
+    converter = (SHEET.resolution_v * SHEET.gain_pa_v) ** 2 / 12
+    np.testing.assert_allclose(reading.variance_pa2, (SHEET.noise_v * SHEET.gain_pa_v) ** 2 + converter)
 
 
 def test_each_channel_has_a_gain_and_an_offset_of_its_own():
@@ -190,7 +192,7 @@ def test_zero_takes_the_vented_reading_per_channel():
 def test_zero_is_refused_while_a_channel_is_pressurised():
     sensor = sensing()
     feed(sensor, [with_fault(v, 1.0) for v in noisy(5)])
-    with pytest.raises(ZeroRefused, match="finger_2_chamber_3 reads 25000 Pa"):
+    with pytest.raises(ZeroRefusedError, match="finger_2_chamber_3 reads 25000 Pa"):
         sensor.zero()
     assert sensor.check(0.05).pressure_gauge_pa[BAD] == pytest.approx(25e3)
 
@@ -198,7 +200,7 @@ def test_zero_is_refused_while_a_channel_is_pressurised():
 def test_zero_is_refused_while_a_channel_is_invalid():
     sensor = sensing()
     feed(sensor, [with_fault(v, math.nan) for v in noisy(5)])
-    with pytest.raises(ZeroRefused, match="finger_2_chamber_3 has no valid reading: missing"):
+    with pytest.raises(ZeroRefusedError, match="finger_2_chamber_3 has no valid reading: missing"):
         sensor.zero()
 
 
@@ -207,7 +209,7 @@ def test_repeated_zeros_cannot_creep_past_the_limit():
     feed(sensor, [volts_at(4e3)] * 30)
     sensor.zero()
     feed(sensor, [volts_at(8e3)] * 100, start=30)
-    with pytest.raises(ZeroRefused, match="8000 Pa before correction"):
+    with pytest.raises(ZeroRefusedError, match="8000 Pa before correction"):
         sensor.zero()
 
 
@@ -225,6 +227,7 @@ def test_a_repeated_time_does_not_move_the_filter():
     before = sensor.update(1.0, volts_at(10e3))
     again = sensor.update(1.0, volts_at(90e3))
     np.testing.assert_array_equal(again.pressure_gauge_pa, before.pressure_gauge_pa)
+    np.testing.assert_array_equal(again.variance_pa2, before.variance_pa2)
 
 
 @pytest.mark.parametrize(("time_s", "volts"), [(0.0, np.zeros(4)), (math.nan, np.ones(16)), (math.inf, np.ones(16))])

@@ -1,0 +1,322 @@
+"""Executable ``demo``: six node processes grasp, lift and release objects, and the result is shown.
+
+Exit code 0 only if every stage happened for every object and, but for ``--objects all``, each object rose with the
+hand. ``--objects all`` reports held or dropped as it came out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from mbpam_ros.nodes.system import NODES, NodeProcesses, NodeSystemError, Operator  # isort: skip
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from domain_coordinator import domain_id
+from sensor_msgs.msg import CompressedImage, JointState
+from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import Marker, MarkerArray
+
+from mbpam_ros.configuration import ConfigError
+from mbpam_ros.nodes.progress import LiveLine, table
+from mbpam_ros.nodes.runtime import LATCHED, STREAM
+from mbpam_ros.plant.scene import Scene, load_scene
+from mbpam_ros.study.grasp_report import GraspRecord, ReportError, draw_report
+
+PAPER_OBJECTS = ("tomato", "bulb", "banana", "tube", "carton")
+"""Scenes of the paper's figure 10, in its order."""
+
+HELD_SHARE = 0.9
+"""An object that rose by this part of the hand's rise, and stays there, is held."""
+
+HOLD_TIME_S = 1.0
+
+
+@dataclass
+class GraspResult:
+    """One row of the table: what was asked for, what was seen, what came of it."""
+
+    object: str
+    mode: str
+    expected_mode: str
+    detected_size_m: list[float]
+    true_size_m: list[float]
+    held: bool
+    rise_m: float
+    close_s: float
+
+
+class Watcher:
+    """Listens to the running gripper and keeps the record of one grasp."""
+
+    def __init__(self, operator: Operator) -> None:
+        self.record = GraspRecord()
+        self.grasp: dict[str, str] = {}
+        self.detection: Marker | None = None
+        self.object_z_m = math.nan
+        self.palm_z_m = math.nan
+        self._lines: dict[int, list[list[float]]] = {}
+        self._object_start_z_m = math.nan
+        self._palm_start_z_m = math.nan
+        self._centre_m = np.full(3, math.nan)
+        self._start_s = time.monotonic()
+        subscribe = operator.node.create_subscription
+        subscribe(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
+        subscribe(MarkerArray, "detections", self._on_detections, STREAM)
+        subscribe(CompressedImage, "detections/image", self._on_overlay, STREAM)
+        subscribe(JointState, "chamber_states", self._on_chamber_states, STREAM)
+        subscribe(JointState, "joint_states", self._on_joint_states, STREAM)
+        subscribe(MarkerArray, "plant/finger_markers", self._on_truth, STREAM)
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time since the record began [s]."""
+        return time.monotonic() - self._start_s
+
+    @property
+    def rise_m(self) -> float:
+        """True rise of the object since :meth:`set_start` [m]."""
+        return self._object_start_z_m - self.object_z_m
+
+    @property
+    def palm_rise_m(self) -> float:
+        """True rise of the palm since :meth:`set_start` [m]."""
+        return self._palm_start_z_m - self.palm_z_m
+
+    @property
+    def greatest_pressure_pa(self) -> float:
+        """Greatest measured pressure now [Pa gauge]; 0 before the first reading."""
+        latest = self.record.pressure_gauge_pa[-1] if self.record.pressure_gauge_pa else [0.0]
+        return float(np.nanmax(latest))
+
+    def set_start(self) -> None:
+        """Take the present heights of object and palm as zero of their rise."""
+        self._object_start_z_m, self._palm_start_z_m = self.object_z_m, self.palm_z_m
+
+    def event(self, name: str) -> None:
+        """Note that something happened now."""
+        self.record.events[name] = self.elapsed_s
+
+    def snapshot(self, name: str) -> None:
+        """Keep the true shapes as they are now."""
+        lines = np.array([self._lines[finger] for finger in sorted(self._lines)])
+        self.record.shapes[name] = lines, self._centre_m.copy()
+
+    def _on_grasp_state(self, state: DiagnosticStatus) -> None:
+        self.grasp = {item.key: item.value for item in state.values}
+
+    def _on_detections(self, message: MarkerArray) -> None:
+        found = [marker for marker in message.markers if marker.action == Marker.ADD]
+        if self.grasp.get("phase") == "idle" and found:
+            self.detection = max(found, key=lambda marker: marker.color.a)
+
+    def _on_overlay(self, message: CompressedImage) -> None:
+        if self.grasp.get("phase") == "idle" and self.detection is not None and not self.record.overlay_jpeg:
+            self.record.overlay_jpeg = bytes(message.data)
+
+    def _on_chamber_states(self, message: JointState) -> None:
+        self.record.pressure_time_s.append(self.elapsed_s)
+        self.record.pressure_gauge_pa.append(np.array(message.effort))
+
+    def _on_joint_states(self, message: JointState) -> None:
+        self.record.bend_time_s.append(self.elapsed_s)
+        self.record.bend_rad.append(np.array(message.position))
+
+    def _on_truth(self, message: MarkerArray) -> None:
+        for marker in message.markers:
+            if marker.ns == "finger":
+                self._lines[marker.id] = [[p.x, p.y, p.z] for p in marker.points]
+            elif marker.ns == "palm":
+                self.palm_z_m = marker.pose.position.z
+            elif marker.ns == "object":
+                position = marker.pose.position
+                self.object_z_m = position.z
+                self._centre_m = np.array([position.x, position.y, position.z])
+        if math.isfinite(self.rise_m):
+            self.record.object_time_s.append(self.elapsed_s)
+            self.record.object_rise_m.append(self.rise_m)
+            self.record.palm_rise_m.append(self.palm_rise_m)
+
+
+def grasp(scene: Scene, report: Path, line: LiveLine) -> GraspResult:
+    """Start the six processes on a scene, grasp its object by the camera's choice, lift, release, and stop them.
+
+    Raises:
+        NodeSystemError: a stage did not happen.
+    """
+    arguments = {
+        "plant": ["-p", f"scene:={scene.name}"],
+        "object_detector": ["-p", f"support_depth_m:={scene.config.support.depth_m}"],
+    }
+    with NodeProcesses(report / scene.name, arguments) as processes:
+        operator = Operator("operator", idle=processes.check)
+        try:
+            result = _stages(scene, operator, report, line)
+        finally:
+            operator.close()
+        codes = processes.stop()
+    failed = {name: code for name, code in codes.items() if code != 0}
+    if failed:
+        raise NodeSystemError(f"nodes did not end cleanly on SIGINT: exit codes {failed}")
+    return result
+
+
+def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> GraspResult:
+    name = scene.object.label
+    watcher = Watcher(operator)
+
+    def wait_for(predicate: object, timeout_s: float, what: str) -> None:
+        def step() -> bool:
+            line.show(
+                f"{name}: {what}  [{watcher.elapsed_s:4.1f} s, {watcher.grasp.get('phase', '-')}, "
+                f"{1e-3 * watcher.greatest_pressure_pa:3.0f} kPa, rise {1e3 * np.nan_to_num(watcher.rise_m):4.0f} mm]"
+            )
+            return predicate()
+
+        operator.wait_for(step, timeout_s, what)
+
+    line.say(f"{name}: starting {len(NODES)} node processes")
+    wait_for(lambda: set(operator.health) >= {f"/{node}" for node in NODES}, 90.0, "waiting for six health reports")
+    _ask(operator, SetBool, "valve_controller/enable", SetBool.Request(data=True))
+    wait_for(lambda: operator.health["/grasp_arbiter"][0] == DiagnosticStatus.OK, 20.0, "waiting for readiness")
+    wait_for(lambda: watcher.detection is not None and math.isfinite(watcher.object_z_m), 20.0, "looking")
+    wait_for(lambda: watcher.record.overlay_jpeg, 10.0, "waiting for the overlay picture")
+    watcher.set_start()
+    watcher.snapshot("start")
+    size_m = [round(float(value), 4) for value in _size(watcher.detection)]
+    line.say(f"{name}: detected a {watcher.detection.text} of {_millimetres(size_m)} mm")
+
+    answer = _ask(operator, Trigger, "grasp/auto")
+    watcher.event("grasp/auto")
+    asked_s = watcher.elapsed_s
+    line.say(f"{name}: {answer}")
+    wait_for(lambda: watcher.grasp.get("phase") in ("holding", "fault"), 10.0, "closing")
+    if watcher.grasp["phase"] == "fault":
+        raise NodeSystemError(f"{name}: {watcher.grasp['reason']}")
+    close_s = watcher.elapsed_s - asked_s
+    mode = watcher.grasp["mode"]
+    watcher.event("holding")
+
+    _ask(operator, Trigger, "plant/lift")
+    watcher.event("plant/lift")
+    height_m = scene.config.lift.height_m
+    wait_for(lambda: watcher.palm_rise_m > height_m - 1e-3, 30.0 + 10.0 * scene.config.lift.duration_s, "lifting")
+    hold_until_s = watcher.elapsed_s + HOLD_TIME_S
+    wait_for(lambda: watcher.elapsed_s > hold_until_s, HOLD_TIME_S + 5.0, "holding up")
+    rise_m = watcher.rise_m
+    held = rise_m >= HELD_SHARE * height_m
+    watcher.snapshot("lifted")
+    line.say(f"{name}: {'held' if held else 'dropped'}, rose {1e3 * rise_m:.0f} of {1e3 * height_m:.0f} mm")
+
+    _ask(operator, Trigger, "plant/lower")
+    wait_for(lambda: watcher.palm_rise_m < 1e-3, 30.0 + 10.0 * scene.config.lift.duration_s, "lowering")
+    _ask(operator, Trigger, "grasp/release")
+    watcher.event("grasp/release")
+    wait_for(lambda: watcher.grasp.get("phase") == "idle", 15.0, "releasing")
+    line.say(f"{name}: released")
+
+    watcher.record.title = f"{name}: {mode}, {'held' if held else 'dropped'}"
+    watcher.record.object_size_m, watcher.record.object_shape = scene.object.size_m, scene.object.shape
+    picture = report / f"{scene.name}.png"
+    draw_report(watcher.record, picture)
+    line.say(f"{name}: picture report in {picture}")
+    return GraspResult(
+        object=scene.config.object,
+        mode=mode,
+        expected_mode=scene.object.expected_mode,
+        detected_size_m=size_m,
+        true_size_m=list(scene.object.size_m),
+        held=held,
+        rise_m=round(rise_m, 4),
+        close_s=round(close_s, 3),
+    )
+
+
+def _ask(operator: Operator, service_type: type, name: str, request: object = None) -> str:
+    response = operator.call(service_type, name, request)
+    if not response.success:
+        raise NodeSystemError(f"{name} refused: {response.message}")
+    return response.message
+
+
+def _size(marker: Marker) -> tuple[float, float, float]:
+    return marker.scale.x, marker.scale.y, marker.scale.z
+
+
+def _millimetres(size_m: list[float]) -> str:
+    return " x ".join(f"{1e3 * value:.1f}" for value in size_m)
+
+
+def _print_table(results: list[GraspResult]) -> None:
+    rows = [
+        (
+            result.object,
+            _millimetres(result.detected_size_m),
+            _millimetres(result.true_size_m),
+            result.mode,
+            result.expected_mode,
+            f"{result.close_s:.2f}",
+            f"{1e3 * result.rise_m:.0f}",
+            "held" if result.held else "dropped",
+        )
+        for result in results
+    ]
+    head = ("object", "detected [mm]", "true [mm]", "mode", "paper's mode", "close [s]", "rise [mm]", "result")
+    print(table(head, rows))
+
+
+def _scenes(names: list[str]) -> list[Scene]:
+    scenes = [load_scene(name) for name in (PAPER_OBJECTS if names == ["all"] else names)]
+    for scene in scenes:
+        if scene.object is None or scene.config.support is None:
+            raise ConfigError(f"scene {scene.name}: the demo needs an object on a support")
+    return scenes
+
+
+def main() -> int:
+    """Run the demo and return its exit code."""
+    parser = argparse.ArgumentParser(description="Grasp and lift objects with six node processes on loopback.")
+    parser.add_argument("--objects", nargs="+", default=["bulb"], metavar="NAME", help="scenes, or: all (default bulb)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the table as JSON")
+    parser.add_argument("--report", type=Path, default=Path("report"), metavar="DIR", help="pictures and logs go here")
+    options = parser.parse_args()
+    line = LiveLine()
+    results: list[GraspResult] = []
+    failures: list[str] = []
+    try:
+        scenes = _scenes(options.objects)
+        with domain_id() as domain:
+            os.environ["ROS_DOMAIN_ID"] = str(domain)
+            for scene in scenes:
+                try:
+                    results.append(grasp(scene, options.report, line))
+                except NodeSystemError as error:
+                    failures.append(f"{scene.name}: {error}")
+                    line.say(f"failed: {failures[-1]}")
+    except (ConfigError, ReportError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        line.say("interrupted")
+        return 130
+    _print_table(results)
+    if options.json is not None:
+        options.json.parent.mkdir(parents=True, exist_ok=True)
+        options.json.write_text(json.dumps([vars(result) for result in results], indent=2) + "\n", encoding="utf-8")
+    dropped = [result.object for result in results if not result.held]
+    must_hold = options.objects != ["all"]
+    for failure in failures:
+        print(f"error: {failure}", file=sys.stderr)
+    if dropped and must_hold:
+        print(f"error: dropped: {', '.join(dropped)}", file=sys.stderr)
+    return 1 if failures or (dropped and must_hold) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,114 @@
+"""Nodes for the tests: composed in one process in a context and a domain of their own, or as processes."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+# Before the first message import: wrong field types become errors, and nothing leaves this machine.
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+import pytest
+from domain_coordinator import domain_id
+
+import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
+import rclpy
+from rclpy.context import Context
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+
+from mbpam_ros.nodes.runtime import STREAM
+
+WAIT_S = 10.0
+
+_domain_numbers = itertools.count(1 + os.getpid() % 100)
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """A ROS domain that no other test of this session has used lately and no other session uses now."""
+    with domain_id(selector=lambda: next(_domain_numbers) % 100 + 1) as number:
+        yield number
+
+
+class Graph:
+    """Nodes of the package and a test node, composed in this process in a private context."""
+
+    def __init__(self, domain_number: int) -> None:
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain_number)
+        self.executor = EventsExecutor(context=self._context)
+        self.nodes: list[Node] = []
+        self.test_node = self._adopt(Node("test_node", context=self._context, use_global_arguments=False))
+
+    def add(self, node_class: type[Node], namespace: str = "", remap: dict[str, str] | None = None, **parameters):
+        """Build a node of the package with these parameters and let it run."""
+        rules = [argument for old, new in (remap or {}).items() for argument in ("-r", f"{old}:={new}")]
+        return self._adopt(
+            node_class(
+                context=self._context,
+                namespace=namespace,
+                use_global_arguments=False,
+                cli_args=["--ros-args", *rules] if rules else None,
+                parameter_overrides=[Parameter(name, value=value) for name, value in parameters.items()],
+            )
+        )
+
+    def _adopt(self, node: Node) -> Node:
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def spin_until(self, predicate: Callable[[], bool], what: str, timeout_s: float = WAIT_S) -> None:
+        """Run the nodes until ``predicate`` holds; fail the test if it does not in time."""
+        deadline = time.monotonic() + timeout_s
+        while not predicate():
+            assert time.monotonic() < deadline, f"{what}: not within {timeout_s:g} s"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def listen(self, message_type: type, topic: str, qos: QoSProfile = STREAM) -> list:
+        """Return a list that fills with the messages of a topic."""
+        received: list = []
+        self.test_node.create_subscription(message_type, topic, received.append, qos)
+        return received
+
+    def publisher(self, message_type: type, topic: str, qos: QoSProfile = STREAM):
+        """Return a publisher of the test node, matched with at least one subscription."""
+        publisher = self.test_node.create_publisher(message_type, topic, qos)
+        self.spin_until(lambda: publisher.get_subscription_count() > 0, f"a subscription of {topic}")
+        return publisher
+
+    def call(self, service_type: type, name: str, request: object = None):
+        """Call a service and return its response."""
+        client = self.test_node.create_client(service_type, name)
+        self.spin_until(client.service_is_ready, f"service {name}")
+        future = client.call_async(request if request is not None else service_type.Request())
+        self.spin_until(future.done, f"answer of {name}")
+        return future.result()
+
+    def close(self) -> None:
+        """Take everything down."""
+        self.executor.shutdown()
+        for node in self.nodes:
+            node.destroy_node()
+        self._context.try_shutdown()
+
+
+@pytest.fixture
+def graph(domain: int) -> Iterator[Graph]:
+    """An empty graph in a domain of its own."""
+    composed = Graph(domain)
+    yield composed
+    composed.close()
+
+
+@pytest.fixture
+def log_directory(tmp_path: Path) -> Path:
+    """Where node processes of a test write their output."""
+    return tmp_path / "log"

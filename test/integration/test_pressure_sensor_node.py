@@ -1,0 +1,123 @@
+"""The pressure sensor's promises on its topics and services."""
+
+import math
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from sensor_msgs.msg import FluidPressure, JointState
+from std_srvs.srv import Trigger
+
+from mbpam_ros.actuator.chambers import CHANNEL_NAMES
+from mbpam_ros.nodes.messages import joint_state, time_stamp
+from mbpam_ros.nodes.pressure_sensor import PressureSensorNode
+
+VENTED_V = 0.5
+
+
+def volts(values, time_s=1.0, names=CHANNEL_NAMES):
+    return joint_state(time_stamp(time_s), names, effort=values)
+
+
+def test_volts_become_gauge_pressure_with_the_stamp_of_the_sample(graph):
+    graph.add(PressureSensorNode)
+    states = graph.listen(JointState, "chamber_states")
+    publisher = graph.publisher(JointState, "transducers")
+    publisher.publish(volts([VENTED_V] * 15 + [2.5], time_s=3.25))
+    graph.spin_until(lambda: states, "chamber_states")
+    assert tuple(states[0].name) == CHANNEL_NAMES
+    assert states[0].header.stamp == time_stamp(3.25)
+    assert math.isclose(states[0].effort[15], 100e3, abs_tol=1.0)
+    assert abs(states[0].effort[0]) < 1.0
+
+
+def test_a_broken_wire_is_nan_and_the_diagnostics_name_the_channel(graph):
+    graph.add(PressureSensorNode)
+    states = graph.listen(JointState, "chamber_states")
+    reports = graph.listen(DiagnosticArray, "/diagnostics")
+    publisher = graph.publisher(JointState, "transducers")
+    publisher.publish(volts([VENTED_V] * 7 + [0.0] + [VENTED_V] * 8))
+    graph.spin_until(lambda: states, "chamber_states")
+    assert [math.isnan(value) for value in states[0].effort] == [i == 7 for i in range(16)]
+
+    def named():
+        return [
+            item.value
+            for report in reports
+            for status in report.status
+            for item in status.values
+            if item.key == CHANNEL_NAMES[7] and status.level == DiagnosticStatus.ERROR
+        ]
+
+    graph.spin_until(named, "the channel in the diagnostics")
+    assert named()[0] == "out of range"
+
+
+def test_fluid_pressure_is_absolute(graph):
+    graph.add(PressureSensorNode, fluid_pressure_rate_hz=50.0)
+    absolute = graph.listen(FluidPressure, "chamber_1_1/pressure")
+    publisher = graph.publisher(JointState, "transducers")
+    publisher.publish(volts([VENTED_V] * 16))
+    graph.spin_until(lambda: absolute, "chamber_1_1/pressure")
+    assert math.isclose(absolute[0].fluid_pressure, 101325.0, abs_tol=1.0)
+    assert absolute[0].variance > 0.0
+    assert absolute[0].header.frame_id == CHANNEL_NAMES[0]
+
+
+def test_zero_is_refused_while_a_chamber_is_pressurised(graph):
+    graph.add(PressureSensorNode)
+    states = graph.listen(JointState, "chamber_states")
+    publisher = graph.publisher(JointState, "transducers")
+    publisher.publish(volts([1.5] + [VENTED_V] * 15))
+    graph.spin_until(lambda: states, "chamber_states")
+    refusal = graph.call(Trigger, "pressure_sensor/zero")
+    assert not refusal.success
+    assert CHANNEL_NAMES[0] in refusal.message
+
+
+def test_zero_takes_the_vented_reading_as_zero(graph):
+    graph.add(PressureSensorNode)
+    states = graph.listen(JointState, "chamber_states")
+    publisher = graph.publisher(JointState, "transducers")
+    publisher.publish(volts([VENTED_V + 0.04] * 16, time_s=1.0))
+    graph.spin_until(lambda: states, "chamber_states")
+    assert abs(states[0].effort[0] - 2000.0) < 1.0
+    assert graph.call(Trigger, "pressure_sensor/zero").success
+    publisher.publish(volts([VENTED_V + 0.04] * 16, time_s=1.01))
+    graph.spin_until(lambda: len(states) == 2, "the next chamber_states")
+    assert abs(states[1].effort[0]) < 1.0
+
+
+def test_silence_of_the_transducers_becomes_nan(graph):
+    graph.add(PressureSensorNode)
+    states = graph.listen(JointState, "chamber_states")
+    publisher = graph.publisher(JointState, "transducers")
+    publisher.publish(volts([VENTED_V] * 16))
+    graph.spin_until(lambda: len(states) > 1, "a report of silence")
+    assert all(math.isnan(value) for value in states[-1].effort)
+
+
+def test_malformed_voltages_are_refused_and_the_node_goes_on(graph):
+    node = graph.add(PressureSensorNode)
+    states = graph.listen(JointState, "chamber_states")
+    publisher = graph.publisher(JointState, "transducers")
+    wrong = [
+        volts([VENTED_V] * 15 + [VENTED_V], names=(*CHANNEL_NAMES[:15], "finger_5_chamber_1")),
+        volts([VENTED_V] * 15),
+        volts([VENTED_V] * 15, names=CHANNEL_NAMES[:15]),
+        volts([VENTED_V] * 16, names=(*CHANNEL_NAMES[:15], CHANNEL_NAMES[0])),
+        JointState(),
+    ]
+    for message in wrong:
+        publisher.publish(message)
+    graph.spin_until(lambda: node.refused_inputs == len(wrong), "the refusals")
+    assert not states
+    publisher.publish(volts([VENTED_V] * 16))
+    graph.spin_until(lambda: states, "chamber_states after refusals")
+
+
+def test_channels_may_come_in_any_order(graph):
+    graph.add(PressureSensorNode)
+    states = graph.listen(JointState, "chamber_states")
+    publisher = graph.publisher(JointState, "transducers")
+    publisher.publish(volts([2.5] + [VENTED_V] * 15, names=CHANNEL_NAMES[::-1]))
+    graph.spin_until(lambda: states, "chamber_states")
+    assert math.isclose(states[0].effort[15], 100e3, abs_tol=1.0)
