@@ -23,6 +23,7 @@ bench: $(VENV)/test.stamp
 	$(BIN)/python -m mbpam_ros.study.bench $(BENCH_ARGS)
 
 $(VENV)/run.stamp: requirements.txt setup.py
+	@echo "setting up $(VENV) with pinned wheels (once, about a minute)"
 	test -d $(VENV) || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .

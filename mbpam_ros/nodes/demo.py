@@ -36,6 +36,7 @@ HELD_SHARE = 0.9
 """An object that rose by this part of the hand's rise, and stays there, is held."""
 
 HOLD_TIME_S = 1.0
+PATIENCE_S = 10.0
 
 
 @dataclass
@@ -91,9 +92,16 @@ class Watcher:
 
     @property
     def greatest_pressure_pa(self) -> float:
-        """Greatest measured pressure now [Pa gauge]; 0 before the first reading."""
-        latest = self.record.pressure_gauge_pa[-1] if self.record.pressure_gauge_pa else [0.0]
-        return float(np.nanmax(latest))
+        """Greatest measured pressure now [Pa gauge]; 0 before the first valid reading."""
+        latest = self.record.pressure_gauge_pa[-1] if self.record.pressure_gauge_pa else np.zeros(1)
+        return float(np.max(latest, initial=0.0, where=np.isfinite(latest)))
+
+    @property
+    def hears_everything(self) -> bool:
+        """Whether every topic of the record has spoken, with an object detected."""
+        record = self.record
+        spoken = record.overlay_jpeg and record.pressure_time_s and record.bend_time_s
+        return bool(spoken) and self.detection is not None and math.isfinite(self.object_z_m)
 
     def set_start(self) -> None:
         """Take the present heights of object and palm as zero of their rise."""
@@ -185,14 +193,13 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
     wait_for(lambda: set(operator.health) >= {f"/{node}" for node in NODES}, 90.0, "waiting for six health reports")
     _ask(operator, SetBool, "valve_controller/enable", SetBool.Request(data=True))
     wait_for(lambda: operator.health["/grasp_arbiter"][0] == DiagnosticStatus.OK, 20.0, "waiting for readiness")
-    wait_for(lambda: watcher.detection is not None and math.isfinite(watcher.object_z_m), 20.0, "looking")
-    wait_for(lambda: watcher.record.overlay_jpeg, 10.0, "waiting for the overlay picture")
+    wait_for(lambda: watcher.hears_everything, 20.0, "looking")
     watcher.set_start()
     watcher.snapshot("start")
     size_m = [round(float(value), 4) for value in _size(watcher.detection)]
     line.say(f"{name}: detected a {watcher.detection.text} of {_millimetres(size_m)} mm")
 
-    answer = _ask(operator, Trigger, "grasp/auto")
+    answer = _ask_patiently(operator, Trigger, "grasp/auto")
     watcher.event("grasp/auto")
     asked_s = watcher.elapsed_s
     line.say(f"{name}: {answer}")
@@ -243,6 +250,18 @@ def _ask(operator: Operator, service_type: type, name: str, request: object = No
     if not response.success:
         raise NodeSystemError(f"{name} refused: {response.message}")
     return response.message
+
+
+def _ask_patiently(operator: Operator, service_type: type, name: str) -> str:
+    """Ask again while refused: the server may not have discovered all its sources when we have."""
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return _ask(operator, service_type, name)
+        except NodeSystemError:
+            if time.monotonic() > deadline:
+                raise
+            operator.spin(0.1)
 
 
 def _size(marker: Marker) -> tuple[float, float, float]:

@@ -49,6 +49,7 @@ class GraspRecord:
 FINGER_COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd")
 CHAMBER_STYLES = ("-", "--", "-.", ":")
 INFLATED_PA = 2000.0
+VIEW_HALF_WIDTH_MM = 130.0
 
 
 def draw_report(record: GraspRecord, path: Path) -> None:
@@ -61,16 +62,18 @@ def draw_report(record: GraspRecord, path: Path) -> None:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise ReportError("the picture report needs matplotlib: pip install 'mbpam_ros[report]'") from error
-    figure = Figure(figsize=(14.0, 8.2), layout="constrained")
+    figure = Figure(figsize=(14.0, 9.0), layout="constrained")
     figure.suptitle(record.title, fontsize=14, fontweight="bold")
-    axes = figure.subplots(2, 3, width_ratios=(1.25, 1.0, 1.0))
-    _draw_overlay(axes[0, 0], record)
-    _draw_shapes(axes[0, 1], record, horizontal=0, title="Front (XZ)")
-    _draw_shapes(axes[0, 2], record, horizontal=1, title="Side (YZ)")
-    _draw_pressures(axes[1, 0], record)
-    _draw_bends(axes[1, 1], record)
-    _draw_rise(axes[1, 2], record)
-    for axis in axes[1]:
+    above, below = figure.subfigures(2, 1, height_ratios=(1.25, 1.0))
+    overlay, front, side = above.subplots(1, 3, width_ratios=(1.5, 1.0, 1.0))
+    _draw_overlay(overlay, record)
+    _draw_shapes(front, record, horizontal=0, title="Front (XZ)")
+    _draw_shapes(side, record, horizontal=1, title="Side (YZ)")
+    over_time = below.subplots(1, 3)
+    _draw_pressures(over_time[0], record)
+    _draw_bends(over_time[1], record)
+    _draw_rise(over_time[2], record)
+    for axis in over_time:
         _mark_events(axis, record)
         axis.set_xlabel("time [s]")
         axis.grid(alpha=0.3)
@@ -87,7 +90,10 @@ def _draw_overlay(axis: object, record: GraspRecord) -> None:
 
 
 def _draw_shapes(axis: object, record: GraspRecord, horizontal: int, title: str) -> None:
-    """Fingers before (pale) and after the lift, object in outline; millimetres, up is up."""
+    """Fingers before (pale) and after the lift, object in outline; millimetres, up is up.
+
+    Lines are thinner than the muscles, so that all four can be seen.
+    """
     for (name, (lines, centre)), alpha in zip(record.shapes.items(), (0.25, 1.0), strict=False):
         for finger, line in enumerate(lines):
             label = f"finger {finger + 1}" if alpha == 1.0 else None
@@ -98,10 +104,11 @@ def _draw_shapes(axis: object, record: GraspRecord, horizontal: int, title: str)
         half = 0.5e3 * _extent(record, horizontal), 0.5e3 * _extent(record, 2)
         _draw_object(axis, record, (1e3 * centre[horizontal], -1e3 * centre[2]), half, horizontal, alpha, name)
     axis.set_aspect("equal")
+    axis.set_xlim(-VIEW_HALF_WIDTH_MM, VIEW_HALF_WIDTH_MM)
     axis.set_title(title)
     axis.set_xlabel("xyz"[horizontal] + " [mm]")
     axis.set_ylabel("height over the palm's start [mm]")
-    axis.legend(fontsize=7, loc="lower right")
+    axis.legend(fontsize=7, loc="upper right")
     axis.grid(alpha=0.3)
 
 
@@ -174,4 +181,5 @@ def _draw_rise(axis: object, record: GraspRecord) -> None:
 def _mark_events(axis: object, record: GraspRecord) -> None:
     for name, time_s in record.events.items():
         axis.axvline(time_s, color="grey", lw=0.7, ls=":")
-        axis.annotate(name, (time_s, 1.0), xycoords=("data", "axes fraction"), rotation=90, fontsize=6, va="top")
+        where = {"xycoords": ("data", "axes fraction"), "rotation": 90, "va": "center", "ha": "right"}
+        axis.annotate(name, (time_s, 0.5), fontsize=7, color="dimgrey", **where)

@@ -34,7 +34,7 @@ from mbpam_ros.vision.primitives import (
     sizes,
     to_body,
 )
-from mbpam_ros.vision.raycast import hit_body, hit_capsule, surface_normals
+from mbpam_ros.vision.raycast import chords, hit_body, hit_capsule, surface_normals
 from mbpam_ros.vision.segmentation import (
     SegmentationConfig,
     connected_regions,
@@ -57,7 +57,8 @@ _SHADING_SAMPLES = 500
 _SHADING_WEIGHT_PX2 = 6.0
 _GOOD_COST_PX2 = 1.0
 _LEAST_OVERLAP = 0.6
-_EMPTY: NDArray[np.float64] = np.zeros((0, 2))
+_SAG_M = 5e-4  # of the fingers' chords, well within the margin of their mask
+_MOST_PIECES = 4
 
 
 class ImageError(ValueError):
@@ -183,7 +184,7 @@ class ObjectDetector:
             finger_centrelines_m: (4, n, 3), where the fingers are if they are not open.
 
         Raises:
-            ImageError: type, encoding, size or depth do not fit.
+            ImageError: type, encoding, size, depth or centrelines do not fit.
         """
         grey_or_rgb = _checked(image, encoding, intrinsics)
         if not math.isfinite(support_depth_m) or support_depth_m <= self._pose.position_m[2]:
@@ -192,7 +193,11 @@ class ObjectDetector:
         if lens is not None:
             grey_or_rgb = cv2.undistort(grey_or_rgb, intrinsics.matrix, lens)
         view = self._view(intrinsics)
-        fingers = self._open_fingers if finger_centrelines_m is None else np.asarray(finger_centrelines_m, float)
+        fingers = self._open_fingers
+        if finger_centrelines_m is not None:
+            fingers = np.asarray(finger_centrelines_m, dtype=float)
+            if fingers.ndim != 3 or fingers.shape[1] < 2 or fingers.shape[2] != 3 or not np.isfinite(fingers).all():
+                raise ImageError(f"finger_centrelines_m must be finite and (4, n >= 2, 3), found {fingers.shape}")
         hidden = view.hidden_by(fingers, self._finger_radius_m + self._config.finger_margin_m)
         found = _Search(self._config, view.camera, support_depth_m, grey_or_rgb, hidden).run()
         return [self._detection(item, view.camera, lens, support_depth_m) for item in found]
@@ -277,7 +282,7 @@ class _View:
             return np.zeros_like(self._hidden)
         if self._fingers is None or not np.array_equal(fingers_m, self._fingers):
             hidden = np.zeros(self._hidden.shape, dtype=bool)
-            for line in fingers_m:
+            for line in (chords(line, _SAG_M) for line in fingers_m):
                 for start, end in zip(line[:-1], line[1:], strict=True):
                     origin = (self.camera.position_m - start).astype(np.float32)
                     hidden |= np.isfinite(
@@ -342,11 +347,17 @@ class _Search:
         if len(regions) < 2:
             return
         count, fingers = cv2.connectedComponents(self._hidden)
+        severed: list[set[int]] = []
         for finger in range(1, count):
             near = cv2.dilate((fingers == finger).astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
-            touching = [region for region in regions if (region & near).any()]
-            if len(touching) == 2:
-                yield touching[0] | touching[1]
+            touching = {i for i, region in enumerate(regions) if (region & near).any()}
+            if len(touching) > 1:
+                severed.append(touching)
+        if len(severed) > 1:
+            severed.append(set().union(*severed))
+        for group in severed:
+            if len(group) <= _MOST_PIECES:
+                yield np.logical_or.reduce([regions[i] for i in group])
 
     def _explain(self, region: NDArray[np.bool_]) -> list[_Hypothesis]:
         """The best primitive for the region as a whole or, if none is good, also those for its parts."""

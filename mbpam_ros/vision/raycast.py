@@ -131,3 +131,19 @@ def surface_normals(body: Body, points: Components) -> Components:
         face = np.abs(np.stack([x, y, z])).argmax(axis=0)
         x, y, z = (np.where(face == i, np.sign(part), 0.0) for i, part in enumerate((x, y, z)))
     return _to_body((x, y, z), rotation.T)
+
+
+def chords(line: NDArray[np.float64], sag_m: float) -> NDArray[np.float64]:
+    """The fewest points of a centreline, (n, 3), whose chords stay within ``sag_m`` of it (Douglas and Peucker)."""
+    if len(line) == 2:
+        return line
+    chord = line[-1] - line[0]
+    offset = line - line[0]
+    length_sq = float(chord @ chord)
+    if length_sq > 0.0:
+        offset = offset - np.outer(offset @ chord / length_sq, chord)
+    sag = np.linalg.norm(offset, axis=1)
+    split = int(sag[1:-1].argmax()) + 1
+    if sag[split] < sag_m:
+        return line[[0, -1]]
+    return np.concatenate([chords(line[: split + 1], sag_m)[:-1], chords(line[split:], sag_m)])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mbpam_ros.vision.camera import Camera, CameraConfig
-from mbpam_ros.vision.raycast import Body, Components, hit_body, hit_capsule, surface_normals
+from mbpam_ros.vision.raycast import Body, Components, chords, hit_body, hit_capsule, surface_normals
 
 Colour = tuple[float, float, float]
 
@@ -29,7 +29,7 @@ _VOID_LEVEL = 24.0  # rays that meet nothing
 _NEAR_M = 0.003  # parts of a finger nearer to the image plane are outside any sensible field of view
 _WAVE_LENGTH_M = 0.00714  # the muscle's bellows, drawn as stripes
 _STRIPE = 0.10
-_LONGEST_SEGMENT_SAG_M = 5e-4  # centrelines are drawn as chords with no more sag than this
+_SAG_M = 5e-4  # centrelines are drawn as chords with no more sag than this
 
 
 class ViewError(ValueError):
@@ -227,7 +227,7 @@ class Renderer:
         _paint(image[window], distance[window], seen, t, surface_normals(body, points), solid.colour_rgb)
 
     def _draw_finger(self, image: NDArray, distance: NDArray, line: NDArray, view: SceneView) -> None:
-        line = _chords(line)
+        line = chords(line, _SAG_M)
         stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
         for start, end, station in zip(line[:-1], line[1:], stations[:-1], strict=True):
             self._draw_capsule(image, distance, start, end, float(station), view)
@@ -308,19 +308,3 @@ def _paint(
     brightness = ((AMBIENT + DIFFUSE * lit) * texture).astype(np.float32)
     image[seen] = brightness[:, None] * (255.0 * np.array(colour, dtype=np.float32))
     distance[seen] = t[seen]
-
-
-def _chords(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The centreline with the fewest of its points that keep the sag below ``_LONGEST_SEGMENT_SAG_M``."""
-    chord = line[-1] - line[0]
-    length = float(np.linalg.norm(chord))
-    if len(line) == 2:
-        return line
-    offset = line - line[0]
-    if length > 0.0:
-        offset = offset - np.outer(offset @ chord / length**2, chord)
-    sag = np.linalg.norm(offset, axis=1)
-    split = int(sag[1:-1].argmax()) + 1
-    if sag[split] < _LONGEST_SEGMENT_SAG_M:
-        return line[[0, -1]]
-    return np.concatenate([_chords(line[: split + 1])[:-1], _chords(line[split:])])

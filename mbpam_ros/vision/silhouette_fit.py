@@ -28,6 +28,8 @@ _SMALLEST_SIZE_M = 0.004
 _LARGEST_SIZE_M = 0.60
 _NEAREST_M = 0.004
 _DAMPING = 1e-3
+_UNOBSERVED = 3e-5  # keeps what the image does not show (a box's height from straight above) from running away
+_WARY_PX = 13  # edges this near to a finger are fitted, but do not make a size certain
 _CONVERGED_M = 5e-4  # of the contour fit; the edges do the rest
 
 
@@ -79,6 +81,7 @@ class SilhouetteFit:
         self._support_depth_m = support_depth_m
         self._image = image
         self._hidden = hidden
+        self._wary = cv2.dilate(hidden, np.ones((_WARY_PX, _WARY_PX), np.uint8))
         self._edge_levels = edge_levels
 
     def outline(self, shape: Shape, parameters: NDArray) -> NDArray[np.float64]:
@@ -164,7 +167,10 @@ class SilhouetteFit:
             raise FitError("hidden")
         misfit = float(squares[visible].mean())
         good = found & (np.abs(offsets) < 1.5)
-        jacobian = self._jacobian(shape, parameters, controls)[good]
+        column, row = controls.points.round().astype(int).T
+        sure = good.copy()
+        sure[good] = self._wary[row[good], column[good]] == 0
+        jacobian = self._jacobian(shape, parameters, controls)[sure]
         # Neighbouring control points share their error: count the points as one in four.
         variance = 4.0 * max(float(np.mean(offsets[good] ** 2)) if good.any() else reach**2, 0.08**2)
         information = jacobian.T @ jacobian + 1e-3 * np.eye(len(parameters))
@@ -301,7 +307,7 @@ def _solve(jacobian: NDArray, residuals: NDArray, weights: NDArray, damping: flo
     weighted = jacobian * weights[:, None]
     normal = weighted.T @ jacobian
     diagonal = np.diag(normal)
-    normal = normal + np.diag(damping * diagonal + 1e-6 * diagonal.max() + 1e-12)
+    normal = normal + np.diag(damping * diagonal + _UNOBSERVED * diagonal.max() + 1e-12)
     return -np.linalg.solve(normal, weighted.T @ residuals)
 
 

@@ -1,0 +1,137 @@
+"""Whether an object is held is what contact computes: the paper's five objects in the paper's modes."""
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+
+from mbpam_ros.actuator.chambers import pressurised_chambers
+from mbpam_ros.configuration import load_yaml
+from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.plant import build_plant
+from mbpam_ros.plant.scene import load_scene
+
+GRIPPER = load_gripper()
+MODES = load_yaml("modes.yaml")["bend_azimuth_deg"]
+TICK_S = 0.01
+
+
+def setpoints(mode, pressure_pa):
+    chambers = [pressurised_chambers(np.radians(azimuth)) for azimuth in MODES[mode]]
+    return pressure_pa * np.concatenate(chambers).astype(float)
+
+
+def drive(plant, target_pa, duration_s):
+    for _ in range(round(duration_s / TICK_S)):
+        error = target_pa - plant.observe().pressure_gauge_pa
+        plant.step(np.clip(error / 2e4, -1.0, 1.0), TICK_S)
+    return plant.observe()
+
+
+@dataclasses.dataclass
+class Grasp:
+    rested: object
+    closed: object
+    lifted: object
+    weight_n: float
+
+    @property
+    def rise_m(self):
+        return self.rested.object_in_world.position_m[2] - self.lifted.object_in_world.position_m[2]
+
+
+@functools.cache
+def grasp(name, pressure_pa=100e3, mode=None, **changes):
+    """Let the object rest, close over 0.5 s, lift, hold for 0.6 s."""
+    scene = load_scene(name)
+    scene = dataclasses.replace(scene, config=dataclasses.replace(scene.config, **changes))
+    plant = build_plant(scene, GRIPPER)
+    rested = drive(plant, np.zeros(16), 0.3)
+    for share in np.linspace(0.02, 1.0, 50):
+        drive(plant, setpoints(mode or scene.object.expected_mode, share * pressure_pa), TICK_S)
+    closed = drive(plant, setpoints(mode or scene.object.expected_mode, pressure_pa), 0.5)
+    assert plant.lift().accepted
+    lifted = drive(plant, setpoints(mode or scene.object.expected_mode, pressure_pa), 1.6)
+    return Grasp(rested, closed, lifted, scene.object.mass_kg * 9.81)
+
+
+@pytest.mark.parametrize("name", ["bulb", "tomato", "banana", "tube", "carton"])
+def test_the_object_rests_on_its_stand_with_its_weight_before_the_grasp(name):
+    rested = grasp(name).rested
+    assert rested.support_force_n[2] == pytest.approx(-grasp(name).weight_n, rel=1e-3)
+    assert not rested.finger_force_n.any()
+    assert np.linalg.norm(rested.object_in_world.velocity_m_s) < 1e-5
+
+
+@pytest.mark.parametrize("name", ["bulb", "tomato", "banana", "tube", "carton"])
+def test_the_five_objects_rise_with_the_hand_in_the_papers_modes_at_100_kpa(name):
+    result = grasp(name)
+    assert result.lifted.hand_lift_m == pytest.approx(0.1)
+    assert result.rise_m == pytest.approx(0.1, abs=0.005)
+    assert not result.lifted.support_force_n.any()
+
+
+@pytest.mark.parametrize("sub_step_s", [0.0005, 0.001, 0.002])
+def test_the_reported_forces_on_the_held_bulb_sum_to_its_weight_at_every_step_size(sub_step_s):
+    result = grasp("bulb", sub_step_s=sub_step_s)
+    total = result.lifted.finger_force_n.sum(axis=0)
+    np.testing.assert_allclose(total, [0.0, 0.0, -result.weight_n], atol=0.005 * result.weight_n)
+
+
+@pytest.mark.parametrize("name", ["bulb", "tomato", "banana", "tube", "carton"])
+def test_a_held_object_creeps_by_less_than_a_tenth_of_a_millimetre_a_second(name):
+    assert np.linalg.norm(grasp(name).lifted.object_in_world.velocity_m_s) < 1e-4
+
+
+def test_the_step_size_does_not_move_the_held_bulb():
+    heights = [grasp("bulb", sub_step_s=h).lifted.object_in_world.position_m[2] for h in (0.0005, 0.001, 0.002)]
+    assert np.ptp(heights) < 1e-4
+
+
+def test_the_bulb_stays_behind_at_low_pressure():
+    result = grasp("bulb", pressure_pa=50e3)
+    assert abs(result.rise_m) < 0.002
+    assert result.lifted.support_force_n[2] == pytest.approx(-result.weight_n, rel=1e-3)
+
+
+@pytest.mark.parametrize(("friction", "held"), [(0.1, False), (0.6, True)])
+def test_at_the_tips_the_bulb_is_held_by_friction(friction, held):
+    """105 mm down the muscles touch it near its equator; at 85 mm they would get under it and hold it without."""
+    deep = {"object_position_m": (0.0, 0.0, 0.105), "support": dataclasses.replace(SUPPORT, depth_m=0.135)}
+    result = grasp("bulb", friction_coefficient=friction, **deep)
+    assert (abs(result.rise_m - 0.1) < 0.005) == held
+    assert (abs(result.rise_m) < 0.005) != held
+
+
+SUPPORT = load_scene("bulb").config.support
+
+
+def test_a_heavier_object_of_the_same_shape_is_dropped():
+    scene = load_scene("bulb")
+    scene = dataclasses.replace(scene, object=dataclasses.replace(scene.object, mass_kg=1.0))
+    plant = build_plant(scene, GRIPPER)
+    target = setpoints("envelope", 100e3)
+    drive(plant, target, 1.0)
+    plant.lift()
+    assert abs(drive(plant, target, 1.5).object_in_world.position_m[2] - 0.085) < 0.005
+
+
+def test_the_expected_mode_of_an_object_is_for_reports_only():
+    scene = load_scene("bulb")
+    other = dataclasses.replace(scene, object=dataclasses.replace(scene.object, expected_mode="none", label="x"))
+    ends = [drive(build_plant(each, GRIPPER), setpoints("envelope", 100e3), 0.6) for each in (scene, other)]
+    np.testing.assert_array_equal(ends[0].object_in_world.position_m, ends[1].object_in_world.position_m)
+    np.testing.assert_array_equal(ends[0].finger_force_n, ends[1].finger_force_n)
+
+
+def test_a_released_object_falls_back():
+    plant = build_plant(load_scene("bulb"), GRIPPER)
+    target = setpoints("envelope", 100e3)
+    drive(plant, target, 1.0)
+    plant.lift()
+    held = drive(plant, target, 1.2).object_in_world.position_m[2]
+    fallen = drive(plant, np.zeros(16), 1.5)
+    assert held == pytest.approx(-0.015, abs=0.001)
+    assert fallen.object_in_world.position_m[2] == pytest.approx(0.085, abs=0.001)
+    assert not fallen.finger_force_n.any()

@@ -1,0 +1,196 @@
+"""The plant's one face: reset, step, observe, lift."""
+
+import dataclasses
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from mbpam_ros.actuator.calibration import calibrated_rod_law
+from mbpam_ros.actuator.equilibrium import hanging_bend
+from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.plant import StepSizeError, build_plant
+from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.plant.tiers import PlantDivergedError, TierError
+from mbpam_ros.pneumatics.chamber import PneumaticsInputError
+
+GRIPPER = load_gripper()
+EMPTY = load_scene("empty")
+BULB = load_scene("bulb")
+FILL_ONE = np.eye(16)[2]
+
+
+def plant_of(scene, seed=0, **changes):
+    return build_plant(dataclasses.replace(scene, config=dataclasses.replace(scene.config, **changes)), GRIPPER, seed=seed)
+
+
+def fields(observation):
+    flat = dataclasses.asdict(observation)
+    for name in ("object_in_world", "object_in_gripper"):
+        flat |= {f"{name}.{key}": value for key, value in (flat.pop(name) or {}).items()}
+    return flat
+
+
+def test_an_observation_has_the_promised_shapes_and_no_nan():
+    plant = plant_of(BULB)
+    plant.step(FILL_ONE, 0.01)
+    seen = plant.observe()
+    assert seen.pressure_gauge_pa.shape == seen.transducer_v.shape == (16,)
+    assert seen.bend_rad.shape == seen.bend_rate_rad_s.shape == (4, 2)
+    assert seen.finger_force_n.shape == (4, 3)
+    assert seen.support_force_n.shape == (3,)
+    assert all(np.isfinite(value).all() for value in fields(seen).values())
+
+
+@pytest.mark.parametrize("dt_s", [0.0, -0.01, 0.0015, 0.0101, float("nan"), float("inf")])
+def test_a_step_that_is_no_whole_multiple_of_the_sub_step_is_refused_and_changes_nothing(dt_s):
+    plant = plant_of(EMPTY, sub_step_s=0.001)
+    with pytest.raises(StepSizeError, match="whole multiple"):
+        plant.step(FILL_ONE, dt_s)
+    assert plant.time_s == 0.0
+    assert not plant.observe().pressure_gauge_pa.any()
+
+
+def test_wrong_spool_commands_are_refused_and_change_nothing():
+    plant = plant_of(EMPTY)
+    for spool in (np.full(16, np.nan), np.zeros(15), np.full(16, 2.0)):
+        with pytest.raises(PneumaticsInputError):
+            plant.step(spool, 0.01)
+    assert plant.time_s == 0.0
+
+
+def test_observing_twice_gives_the_same_and_hands_out_copies():
+    plant = plant_of(BULB)
+    plant.step(FILL_ONE, 0.01)
+    first, second = fields(plant.observe()), fields(plant.observe())
+    for name, value in first.items():
+        np.testing.assert_array_equal(value, second[name])
+    plant.observe().bend_rad[:] = 99.0
+    assert plant.observe().bend_rad.max() < 1.0
+
+
+def test_the_same_seed_gives_the_same_bits_and_so_does_a_reset():
+    runs = []
+    plant = plant_of(BULB, seed=7)
+    for other in (plant, plant_of(BULB, seed=7), plant):
+        other.reset()
+        other.lift()
+        for _ in range(40):
+            other.step(np.full(16, 0.5), 0.01)
+        runs.append(fields(other.observe()))
+    for later in runs[1:]:
+        for name, value in runs[0].items():
+            np.testing.assert_array_equal(value, later[name])
+
+
+def test_another_seed_gives_other_noise():
+    assert not np.array_equal(plant_of(EMPTY, 1).observe().transducer_v, plant_of(EMPTY, 2).observe().transducer_v)
+
+
+def test_the_length_of_the_callers_step_hardly_matters():
+    ends = []
+    for dt_s in (0.002, 0.01):
+        plant = plant_of(EMPTY)
+        for _ in range(round(0.4 / dt_s)):
+            plant.step(0.5 * FILL_ONE, dt_s)
+        ends.append(plant.observe().bend_rad)
+    assert np.abs(ends[0]).max() > 0.5
+    np.testing.assert_allclose(ends[0], ends[1], atol=2e-3)
+
+
+@pytest.mark.parametrize("tier", ["static", "arc"])
+def test_muscles_end_at_the_hanging_bend_of_their_pressures(tier):
+    plant = plant_of(EMPTY, tier=tier)
+    for _ in range(30):
+        plant.step(0.5 * FILL_ONE, 0.01)
+    for _ in range(200):
+        plant.step(np.zeros(16), 0.01)
+    seen = plant.observe()
+    law = calibrated_rod_law(GRIPPER.design, GRIPPER.geometry, GRIPPER.metamodel, GRIPPER.target)
+    expected = hanging_bend(*law.moment_and_stiffness(seen.pressure_gauge_pa.reshape(4, 4)), GRIPPER.geometry)
+    assert np.abs(expected).max() > 0.3
+    np.testing.assert_allclose(seen.bend_rad, expected, atol=1e-5)
+
+
+def test_the_static_tier_refuses_an_object_and_names_the_tier_that_can():
+    with pytest.raises(TierError, match="'arc'"):
+        plant_of(BULB, tier="static")
+
+
+def test_an_unknown_tier_lists_the_known_ones():
+    with pytest.raises(TierError, match="static, arc"):
+        plant_of(EMPTY, tier="fe")
+
+
+def test_an_unknown_pneumatic_model_is_refused():
+    with pytest.raises(PneumaticsInputError, match="ideal, lag"):
+        plant_of(EMPTY, pneumatics="steam")
+
+
+def test_the_hand_rises_by_the_scenes_height_and_refuses_while_it_moves():
+    plant = plant_of(EMPTY)
+    assert plant.lift().accepted
+    assert not plant.lower().accepted
+    for _ in range(100):
+        plant.step(np.zeros(16), 0.01)
+    assert plant.observe().hand_lift_m == pytest.approx(0.1)
+    assert plant.lower().accepted
+
+
+def test_an_object_left_behind_moves_down_in_the_rising_hands_frame():
+    plant = plant_of(BULB)
+    plant.lift()
+    for _ in range(50):
+        plant.step(np.zeros(16), 0.01)
+    seen = plant.observe()
+    moved = seen.object_in_gripper.position_m - seen.object_in_world.position_m
+    np.testing.assert_allclose(moved, [0.0, 0.0, seen.hand_lift_m], atol=1e-12)
+    assert seen.object_in_gripper.velocity_m_s[2] == pytest.approx(0.1875, abs=1e-4)
+
+
+def test_a_diverged_plant_says_what_to_change_and_stays_stopped_until_reset():
+    plant = plant_of(EMPTY, gravity_m_s2=1e7)
+    with pytest.raises(PlantDivergedError, match="smaller sub_step_s"):
+        for _ in range(50):
+            plant.step(FILL_ONE, 0.01)
+    assert np.isfinite(plant.observe().bend_rad).all()
+    with pytest.raises(PlantDivergedError, match="Reset"):
+        plant.step(FILL_ONE, 0.01)
+    plant.reset()
+    assert plant.time_s == 0.0
+
+
+def test_an_empty_scene_has_no_object_and_no_forces():
+    plant = plant_of(EMPTY)
+    plant.step(FILL_ONE, 0.01)
+    seen = plant.observe()
+    assert seen.object_in_world is None
+    assert seen.object_in_gripper is None
+    assert not seen.finger_force_n.any()
+
+
+def test_the_static_tier_does_without_the_compiler():
+    code = (
+        "import sys, dataclasses; from mbpam_ros.gripper import load_gripper; from mbpam_ros.plant.plant import build_plant;"
+        "from mbpam_ros.plant.scene import load_scene; s = load_scene('empty');"
+        "s = dataclasses.replace(s, config=dataclasses.replace(s.config, tier='static'));"
+        "build_plant(s, load_gripper()).step([0.5] * 16, 0.01); assert 'numba' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_uncompiled_code_gives_the_same_result():
+    code = (
+        "from mbpam_ros.gripper import load_gripper; from mbpam_ros.plant.plant import build_plant;"
+        "from mbpam_ros.plant.scene import load_scene; p = build_plant(load_scene('bulb'), load_gripper());"
+        "p.lift(); [p.step([0.5] * 16, 0.01) for _ in range(5)]; o = p.observe();"
+        "print(*o.bend_rad.ravel().tolist(), *o.object_in_world.position_m.tolist(), *o.support_force_n.tolist())"
+    )
+    outputs = []
+    for switch in ("0", "1"):
+        environment = os.environ | {"NUMBA_DISABLE_JIT": switch}
+        done = subprocess.run([sys.executable, "-c", code], check=True, env=environment, capture_output=True, text=True)
+        outputs.append(np.array(done.stdout.split(), dtype=float))
+    np.testing.assert_allclose(outputs[0], outputs[1], atol=1e-7)

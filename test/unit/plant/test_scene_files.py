@@ -1,0 +1,99 @@
+"""Scene files, the catalogue of objects, and what is refused."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import yaml
+
+from mbpam_ros.configuration import ConfigError, config_path, load_yaml
+from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.plant import build_plant
+from mbpam_ros.plant.scene import SceneConfig, SupportConfig, load_objects, load_scene, scene_names
+from mbpam_ros.plant.solids import half_height
+
+
+def changed(tmp_path, **values):
+    content = load_yaml("scenes/bulb.yaml") | values
+    path = tmp_path / "changed.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def test_there_is_a_scene_for_each_object_of_the_paper_and_an_empty_one():
+    found = {load_scene(name).config.object for name in scene_names()}
+    assert found == {"tomato", "bulb", "banana", "aluminium_tube", "carton", None}
+
+
+def test_masses_are_the_papers():
+    masses = {name: spec.mass_kg for name, spec in load_objects().items()}
+    assert masses == {"tomato": 0.183, "bulb": 0.046, "banana": 0.180, "aluminium_tube": 0.118, "carton": 0.048}
+
+
+@pytest.mark.parametrize("name", [name for name in scene_names() if name != "empty"])
+def test_every_object_starts_on_its_support_70_to_100_mm_below_the_palm(name):
+    scene = load_scene(name)
+    depth = scene.config.object_position_m[2]
+    bottom = depth + half_height(scene.object.shape, scene.object.size_m, scene.object_orientation_xyzw)
+    assert 0.070 <= depth <= 0.100
+    assert bottom == pytest.approx(scene.config.support.depth_m, abs=1e-9)
+
+
+def test_a_rod_lies_along_y_and_turns_with_the_yaw():
+    scene = load_scene("tube")
+    for yaw in (0.0, 0.7):
+        config = dataclasses.replace(scene.config, object_yaw_rad=yaw)
+        x, y, z, w = dataclasses.replace(scene, config=config).object_orientation_xyzw
+        axis = [2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)]
+        np.testing.assert_allclose(axis, [-np.sin(yaw), np.cos(yaw), 0.0], atol=1e-12)
+
+
+def test_an_unknown_scene_lists_the_known_ones():
+    with pytest.raises(ConfigError, match="bulb, carton"):
+        load_scene("piano")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"object": "piano"}, "no object 'piano'"),
+        ({"object": None}, "both be given or both be null"),
+        ({"speed": 1.0}, "unknown key speed"),
+        ({"sub_step_s": -0.001}, "sub_step_s must be greater than 0"),
+        ({"sub_step_s": float("nan")}, "finite"),
+        ({"support": {"depth_m": 0.1, "half_size_m": [0.01, 0.01]}}, "give both"),
+        ({"friction_coefficient": -0.1}, "friction_coefficient"),
+    ],
+)
+def test_a_wrong_scene_file_is_refused_with_the_reason(tmp_path, values, message):
+    with pytest.raises(ConfigError, match=message):
+        load_scene(changed(tmp_path, **values))
+
+
+def test_an_object_inside_its_support_is_refused_with_the_depth_that_would_do(tmp_path):
+    scene = load_scene(changed(tmp_path, support={"depth_m": 0.1, "half_size_m": [0.01, 0.01], "stand_height_m": 0.2}))
+    with pytest.raises(ConfigError, match=r"15\.0 mm inside its support.*0\.1150"):
+        build_plant(scene, load_gripper())
+
+
+def test_a_table_that_the_hanging_muscles_would_pierce_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="deeper table"):
+        build_plant(load_scene(changed(tmp_path, support={"depth_m": 0.115})), load_gripper())
+
+
+def test_a_table_is_one_endless_plane_and_a_stand_a_plate_on_one():
+    np.testing.assert_array_equal(SupportConfig(0.2).planes_m, [[0.2, np.inf, np.inf]])
+    np.testing.assert_allclose(
+        SupportConfig(0.1, (0.01, 0.03), 0.2).planes_m, [[0.1, 0.01, 0.03], [0.3, np.inf, np.inf]]
+    )
+
+
+def test_every_field_of_a_scene_is_explained():
+    missing = [field.name for field in dataclasses.fields(SceneConfig) if f"{field.name}:" not in SceneConfig.__doc__]
+    assert not missing
+
+
+def test_the_catalogue_says_what_is_the_papers_and_what_is_assumed():
+    text = config_path("objects.yaml").read_text()
+    assert "Masses: paper" in text
+    assert "assumptions" in text
