@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 from mbpam_ros.nodes.runtime import run  # isort: skip
 from mbpam_ros.nodes.grasp_arbiter import GraspArbiterNode
 from mbpam_ros.nodes.object_detector import ObjectDetectorNode
@@ -21,3 +23,7 @@ def main() -> int:
         ObjectDetectorNode,
         GraspArbiterNode,
     )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -35,6 +35,9 @@ SETPOINT_REPEAT_S = 0.5
 WATCHED_NODES = ("pressure_sensor", "valve_controller")
 """Nodes of the same namespace whose faults stop a grasp."""
 
+SILENCE_S = 3.5
+"""A watched node that has reported its health and then does not for three periods counts as ended."""
+
 
 class GraspArbiterNode(GripperNode):
     """Adapter around :class:`Arbiter`."""
@@ -51,6 +54,7 @@ class GraspArbiterNode(GripperNode):
             raise ConfigError(f"{self.value('grasp')}: {error}") from error
         prefix = self.get_namespace().rstrip("/")
         self._watched = {f"{prefix}/{name}": name for name in WATCHED_NODES}
+        self._reported_s: dict[str, float] = {}
         self._decision: Decision | None = None
 
         self._setpoints = self.create_publisher(JointState, "pressure_setpoints", STREAM)
@@ -96,7 +100,11 @@ class GraspArbiterNode(GripperNode):
 
     def _tick(self) -> None:
         """Let the state machine decide; publish the decision if it changed."""
-        self._decision = self._arbiter.tick(self.now_s())
+        now_s = self.now_s()
+        for source, reported_s in self._reported_s.items():
+            if now_s - reported_s > SILENCE_S:
+                self._arbiter.observe_health(now_s, source, False, f"no health report for {SILENCE_S:g} s")
+        self._decision = self._arbiter.tick(now_s)
         if not self._decision.changed:
             return
         stamp = self.get_clock().now().to_msg()
@@ -139,7 +147,10 @@ class GraspArbiterNode(GripperNode):
         for status in report.status:
             source = self._watched.get(status.name)
             if source is not None:
-                air_off = any(item.key == "enabled" and item.value == "false" for item in status.values)
+                self._reported_s[source] = self.now_s()
+                # Valves that were switched off are no cause for a fault to stay: grasp/reset comes before enable.
+                latched = self._decision is not None and self._decision.phase is Phase.FAULT
+                air_off = not latched and any(item.key == "enabled" and item.value == "false" for item in status.values)
                 ok = status.level in (DiagnosticStatus.OK, DiagnosticStatus.WARN) and not air_off
                 self._arbiter.observe_health(self.now_s(), source, ok, status.message)
         self.publish_health_change()

@@ -200,9 +200,7 @@ class PlantNode(GripperNode):
         if body is not None:
             pose = (body.position_m, body.orientation_xyzw)
             rgba = colour(spec.colour_rgb)
-            markers.append(
-                solid_marker(self._stamp, WORLD_FRAME, "object", 0, spec.shape, spec.size_m, *pose, rgba)
-            )
+            markers.append(solid_marker(self._stamp, WORLD_FRAME, "object", 0, spec.shape, spec.size_m, *pose, rgba))
         self._markers.publish(MarkerArray(markers=markers))
 
     # Services

@@ -100,9 +100,7 @@ class PlantCamera:
         solids: tuple[ColouredSolid, ...] = ()
         body, spec = observation.object_in_gripper, self._scene.object
         if body is not None:
-            solids = (
-                ColouredSolid(spec.shape, spec.size_m, body.position_m, body.orientation_xyzw, spec.colour_rgb),
-            )
+            solids = (ColouredSolid(spec.shape, spec.size_m, body.position_m, body.orientation_xyzw, spec.colour_rgb),)
         return SceneView(
             support_depth_m=depth_m,
             solids=solids,

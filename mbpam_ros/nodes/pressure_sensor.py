@@ -14,7 +14,13 @@ from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, se
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.stamps import StampClock
 from mbpam_ros.pneumatics.config import load_pneumatics
-from mbpam_ros.pneumatics.sensing import ChannelStatus, PressureReading, PressureSensing, SensingInputError, ZeroRefusedError
+from mbpam_ros.pneumatics.sensing import (
+    ChannelStatus,
+    PressureReading,
+    PressureSensing,
+    SensingInputError,
+    ZeroRefusedError,
+)
 
 PARAMETERS = (
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: transducers and how their volts are read"),

@@ -121,7 +121,11 @@ def run(*factories: Callable[[], GripperNode], arguments: Sequence[str] | None =
         be used. What went wrong goes to standard error as one line.
     """
     stop_requested = _catch_stop_signals()
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # rclpy's own errors: a file of parameters or a rule it cannot read
+        print(f"error: ROS arguments: {error}", file=sys.stderr)
+        return 2
     executor = EventsExecutor()
     nodes: list[GripperNode] = []
     try:

@@ -107,14 +107,18 @@ class ValveControllerNode(GripperNode):
             return response
         self._switched_on = request.data
         self._apply_switches()
-        response.success, response.message = True, "air on" if request.data else "air off, valves closed"
+        valves = "valves vent until grasp/reset" if self._air is Air.VENT else "valves closed"
+        response.success, response.message = True, "air on" if request.data else f"air off, {valves}"
         return response
 
     def _apply_switches(self) -> None:
         if self._air is Air.VENT:
             self._controller.vent_all()
+        elif self._air is Air.HOLD:
+            self._controller.enable(False)
         else:
-            self._controller.enable(self._switched_on and self._air is Air.REGULATE)
+            self._controller.enable(True)  # ends a vent, also where the air is switched off
+            self._controller.enable(self._switched_on)
         self.publish_health()
 
 

@@ -31,7 +31,8 @@ class ArcTier(Tier):
         geometry, config, body = setup.geometry, setup.config, setup.body
         muscle = np.array([geometry.end_length_m, geometry.active_length_m, geometry.outer_radius_m])
         table_m = setup.planes_m[-1, 0] if len(setup.planes_m) else np.inf
-        laws = np.array([kind.law() for kind in (config.finger_object, config.object_support, config.finger_support)])
+        kinds = (config.finger_object, config.object_support, config.finger_support, config.object_support)
+        laws = np.array([kind.law() for kind in kinds])
         solid = (-1, np.zeros(3), 0.0, np.zeros(3))
         if body is not None:
             inertia = principal_inertia(body.shape, body.size_m, body.mass_kg)
@@ -53,7 +54,8 @@ class ArcTier(Tier):
             self._velocity = np.concatenate([self._velocity, body.velocity_m_s, body.angular_velocity_rad_s])
         self._position = np.zeros(3) if body is None else np.array(body.position_m, dtype=float)
         self._orientation = np.zeros(4) if body is None else np.array(body.orientation_xyzw, dtype=float)
-        self._finger_force, self._support_force = np.zeros((FINGER_COUNT, 3)), np.zeros(3)
+        self._finger_force = np.zeros((FINGER_COUNT, 3))
+        self._support_force, self._palm_force = np.zeros(3), np.zeros(3)
         self.iterations = 0
 
     def step(  # noqa: D102
@@ -71,6 +73,7 @@ class ArcTier(Tier):
             *self._surroundings,
             self._finger_force,
             self._support_force,
+            self._palm_force,
         )
         if answer != multibody.OK:
             raise PlantDivergedError(
@@ -92,4 +95,5 @@ class ArcTier(Tier):
             body,
             self._finger_force.copy(),
             self._support_force.copy(),
+            self._palm_force.copy(),
         )

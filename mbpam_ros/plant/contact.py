@@ -122,10 +122,10 @@ def force_law(law, depth, h, normal, velocity, grip, force):
 
 
 @njit
-def force_slope(law, h, normal, velocity, f, force, with_grip, slope):
-    """Write -d(force)/d(velocity) (6, 6) where f > 0.
+def force_slope(law, h, normal, velocity, f, grip, force, whole, slope):
+    """Write -d(force)/d(velocity) (6, 6) at the normal force f and the friction load ``grip``.
 
-    ``with_grip``: the whole derivative. Otherwise that at constant friction load, which is symmetric and positive.
+    ``whole``: the derivative with friction following f. Otherwise at constant friction load: symmetric, positive.
     """
     vn = normal[0] * velocity[0] + normal[1] * velocity[1] + normal[2] * velocity[2]
     wn = normal[0] * velocity[3] + normal[1] * velocity[4] + normal[2] * velocity[5]
@@ -134,10 +134,10 @@ def force_slope(law, h, normal, velocity, f, force, with_grip, slope):
         slip += (velocity[i] - vn * normal[i]) ** 2
         roll += (velocity[3 + i] - wn * normal[i]) ** 2
     slip, roll = slip**0.5, roll**0.5
-    drag = f * law[2] / max(slip, law[5])
-    twist = 0.0 if abs(wn) > law[6] else f * law[3] / law[6]
-    curl = f * law[4] / max(roll, law[6])
-    grow = (law[0] * h + law[1]) / f
+    drag = grip * law[2] / max(slip, law[5])
+    twist = 0.0 if abs(wn) > law[6] else grip * law[3] / law[6]
+    curl = grip * law[4] / max(roll, law[6])
+    grow = (law[0] * h + law[1]) / f if f > 0.0 else 0.0
     for i in range(3):
         ti, ri = velocity[i] - vn * normal[i], velocity[3 + i] - wn * normal[i]
         for j in range(3):
@@ -147,7 +147,7 @@ def force_slope(law, h, normal, velocity, f, force, with_grip, slope):
                 linear -= drag * ti * (velocity[j] - vn * normal[j]) / (slip * slip)
             if roll > law[6]:
                 angular -= curl * ri * (velocity[3 + j] - wn * normal[j]) / (roll * roll)
-            slope[i, j] = linear + grow * (force[i] if with_grip else f * normal[i]) * normal[j]
+            slope[i, j] = linear + grow * (force[i] if whole else f * normal[i]) * normal[j]
             slope[i, 3 + j] = 0.0
-            slope[3 + i, j] = grow * force[3 + i] * normal[j] if with_grip else 0.0
+            slope[3 + i, j] = grow * force[3 + i] * normal[j] if whole else 0.0
             slope[3 + i, 3 + j] = angular

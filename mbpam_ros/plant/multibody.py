@@ -14,7 +14,8 @@ Contact points and normals are those at the start of the sub-step; it is this th
 
 The contact equations are solved by Newton's method on the velocities. Where a full step does not halve the residual,
 friction is held at its present normal load: what is left is the gradient of a convex function of the velocities, whose
-Newton step with an exact line search always goes down.
+Newton step with an exact line search always goes down. Where friction loads and slip chase each other without end
+(jamming), the loads are held at their running mean for the rest of the sub-step.
 """
 
 from __future__ import annotations
@@ -31,13 +32,13 @@ from mbpam_ros.plant.contact import deepest_station, force_law, force_slope
 from mbpam_ros.plant.finger import inertia_and_load, station_jacobian
 from mbpam_ros.plant.shapes import PLANE, REST_POINTS, rest_points
 
-FINGER_OBJECT, OBJECT_SUPPORT, FINGER_SUPPORT = 0, 1, 2
+FINGER_OBJECT, OBJECT_SUPPORT, FINGER_SUPPORT, OBJECT_PALM = 0, 1, 2, 3
 """Rows of the table of contact laws."""
 
 OK, NOT_FINITE, ABSURD, NOT_SOLVED = 0, 1, 2, 3
 """What a step answers."""
 
-MAX_CONTACTS = 8 + 2 * REST_POINTS
+MAX_CONTACTS = 8 + 3 * REST_POINTS
 PLATE_THICKNESS_M = 0.010
 """A support with a footprint is a plate: what is deeper than this below its top has gone past its edge."""
 
@@ -179,6 +180,18 @@ def find_contacts(
                     offset[n, 0], offset[n, 1], offset[n, 2] = 0.0, 0.0, 0.0
                     depth[n], finger[n], kind[n] = d, -1, OBJECT_SUPPORT
                     n += 1
+        # The palm above: all solids are symmetric about their centres, so their highest points mirror the lowest.
+        for k in range(rest_points(body, half, centre, rotation, np.inf, np.inf, points)):
+            for i in range(3):
+                points[k, i] = 2.0 * centre[i] - points[k, i]
+            d = -lift - points[k, 2]
+            if d > 0.0:
+                jacobian[n] = 0.0
+                object_columns(points[k], centre, jacobian[n])
+                normal[n, 0], normal[n, 1], normal[n, 2] = 0.0, 0.0, 1.0
+                offset[n, 0], offset[n, 1], offset[n, 2] = 0.0, 0.0, hand_velocity
+                depth[n], finger[n], kind[n] = d, -1, OBJECT_PALM
+                n += 1
     return n
 
 
@@ -218,15 +231,15 @@ def contact_residual(
 
 @njit
 def newton_step(
-    a, residual, size, n, h, with_grip, laws, normal, jacobian, finger, kind, velocity, force, push,
+    a, residual, size, n, h, whole, laws, normal, jacobian, finger, kind, velocity, force, push, load,
     system, slope, product, step,
 ):  # fmt: skip
     """Write the Newton step (to be subtracted from v) into ``step``; return whether it could be solved for."""
     system[:] = a
     for c in range(n):
-        if push[c] <= 0.0:
+        if push[c] <= 0.0 and load[c] <= 0.0:
             continue
-        force_slope(laws[kind[c]], h, normal[c], velocity[c], push[c], force[c], with_grip, slope)
+        force_slope(laws[kind[c]], h, normal[c], velocity[c], push[c], load[c], force[c], whole, slope)
         first = 0 if finger[c] >= 0 else 2
         last = 2 if kind[c] == FINGER_SUPPORT else 8
         for i in range(6):
@@ -255,22 +268,24 @@ def solve_contacts(a, b, v, size, n, h, laws, depth, normal, jacobian, offset, f
     system, slope, product = np.empty((size, size)), np.empty((6, 6)), np.empty((6, 8))
     residual, step, trial = np.empty(size), np.empty(size), np.empty(size)
     velocity, push = np.zeros((n, 6)), np.zeros(n)
-    own, grip = np.full(n, -1.0), np.empty(n)
-    iterations = 0
+    own, grip, load, usual = np.full(n, -1.0), np.empty(n), np.empty(n), np.zeros(n)
+    iterations, held = 0, False
     while True:
-        for attempt in range(2):
+        for attempt in range(1 if held else 0, 2):
             whole = attempt == 0
             worst = contact_residual(
                 a, b, v, size, n, h, laws, depth, normal, jacobian, offset, finger, kind, own,
                 velocity, force, push, residual,
             )  # fmt: skip
-            if whole and (worst <= VELOCITY_TOLERANCE or iterations >= NEWTON_LIMIT):
+            if (whole or held) and (worst <= VELOCITY_TOLERANCE or iterations >= 2 * NEWTON_LIMIT):
                 return worst, iterations
             iterations += 1
             for c in range(n):
-                grip[c] = own[c] if whole else push[c]
+                usual[c] += 0.3 * (push[c] - usual[c])
+                load[c] = own[c] if held else push[c]
+                grip[c] = own[c] if whole else load[c]
             if not newton_step(
-                a, residual, size, n, h, whole, laws, normal, jacobian, finger, kind, velocity, force, push,
+                a, residual, size, n, h, whole, laws, normal, jacobian, finger, kind, velocity, force, push, load,
                 system, slope, product, step,
             ):  # fmt: skip
                 return np.inf, iterations
@@ -304,13 +319,16 @@ def solve_contacts(a, b, v, size, n, h, laws, depth, normal, jacobian, offset, f
                 break
         for i in range(size):
             v[i] = trial[i]
+        if iterations >= NEWTON_LIMIT and not held:  # load and slip chase each other: hold the loads at their mean
+            held = True
+            own[:] = usual
 
 
 @njit
 def _advance(
     bend, v, position, orientation, moments, stiffnesses, heights, rates, h,
     bases, muscle, nodes, retardation, gravity,
-    body, half, mass, inertia, planes, reach_planes, laws, finger_force, support_force,
+    body, half, mass, inertia, planes, reach_planes, laws, finger_force, support_force, palm_force,
 ):  # fmt: skip
     """Advance the state in place by the sub-steps between ``heights``; return OK or what went wrong, and iterations."""
     steps, size = heights.shape[0] - 1, v.shape[0]
@@ -428,12 +446,15 @@ def _advance(
 
     finger_force[:] = 0.0
     support_force[:] = 0.0
+    palm_force[:] = 0.0
     for c in range(contacts):
         for i in range(3):
             if kind[c] == FINGER_OBJECT:
                 finger_force[finger[c], i] += force[c, i]
             elif kind[c] == OBJECT_SUPPORT:
                 support_force[i] += force[c, i]
+            elif kind[c] == OBJECT_PALM:
+                palm_force[i] += force[c, i]
     return OK, iterations
 
 

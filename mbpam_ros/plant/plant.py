@@ -54,7 +54,7 @@ class Observation:
         object_in_world: pose and velocity of the object, world frame; none without an object.
         object_in_gripper: the same seen from the hand, in ``gripper_base``.
         finger_force_n: force of each finger on the object, world frame, shape (4, 3).
-        support_force_n: force of the support on the object, world frame, shape (3,).
+        support_force_n, palm_force_n: force of the support and of the palm on the object, world frame, shape (3,).
     """
 
     time_s: float
@@ -67,6 +67,7 @@ class Observation:
     object_in_gripper: BodyState | None
     finger_force_n: Array
     support_force_n: Array
+    palm_force_n: Array
 
 
 def build_plant(
@@ -196,6 +197,7 @@ class Plant:
             object_in_gripper=seen,
             finger_force_n=state.finger_force_n,
             support_force_n=state.support_force_n,
+            palm_force_n=state.palm_force_n,
         )
 
     def _count_sub_steps(self, dt_s: float) -> int:
@@ -207,9 +209,7 @@ class Plant:
         return count
 
     def _actuate(self, pressure_gauge_pa: Array) -> Actuation:
-        return Actuation(
-            *self._law.moment_and_stiffness(pressure_gauge_pa.reshape(FINGER_COUNT, CHAMBERS_PER_FINGER))
-        )
+        return Actuation(*self._law.moment_and_stiffness(pressure_gauge_pa.reshape(FINGER_COUNT, CHAMBERS_PER_FINGER)))
 
 
 def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetup:

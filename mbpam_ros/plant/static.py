@@ -48,7 +48,8 @@ class StaticTier(Tier):
         self._actuation, self._equilibrium = after, target
 
     def state(self) -> TierState:  # noqa: D102
-        return TierState(self._bend.copy(), self._rate.copy(), None, np.zeros((FINGER_COUNT, 3)), np.zeros(3))
+        no_force = np.zeros(3)
+        return TierState(self._bend.copy(), self._rate.copy(), None, np.zeros((FINGER_COUNT, 3)), no_force, no_force)
 
     def _rest(self, actuation: Actuation) -> Array:
         setup = self._setup

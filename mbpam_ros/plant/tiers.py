@@ -35,7 +35,7 @@ class PlantConfig:
     Args:
         retardation_time_s: Kelvin-Voigt damping of the muscle over its stiffness.
         static_lag_s: time constant of the tier ``static``.
-        finger_object, object_support, finger_support: the three kinds of contact.
+        finger_object, object_support, finger_support: the kinds of contact; the palm is a support.
     """
 
     retardation_time_s: float
@@ -112,7 +112,7 @@ class TierState:
         bend_rad, bend_rate_rad_s: of the four muscles, shape (4, 2).
         body: the object, or none.
         finger_force_n: force of each finger on the object, world frame, shape (4, 3).
-        support_force_n: force of the support on the object, world frame, shape (3,).
+        support_force_n, palm_force_n: force of the support and of the palm on the object, world frame, shape (3,).
     """
 
     bend_rad: Array
@@ -120,6 +120,7 @@ class TierState:
     body: BodyState | None
     finger_force_n: Array
     support_force_n: Array
+    palm_force_n: Array
 
 
 class Tier(ABC):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -179,7 +180,8 @@ def _draw_rise(axis: object, record: GraspRecord) -> None:
 
 
 def _mark_events(axis: object, record: GraspRecord) -> None:
-    for name, time_s in record.events.items():
+    # Alternating heights keep the names of events that follow each other closely apart.
+    for (name, time_s), height in zip(record.events.items(), itertools.cycle((0.35, 0.65)), strict=False):
         axis.axvline(time_s, color="grey", lw=0.7, ls=":")
         where = {"xycoords": ("data", "axes fraction"), "rotation": 90, "va": "center", "ha": "right"}
-        axis.annotate(name, (time_s, 0.5), fontsize=7, color="dimgrey", **where)
+        axis.annotate(name, (time_s, height), fontsize=7, color="dimgrey", **where)

@@ -22,8 +22,13 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
 
+from mbpam_ros.gripper import load_gripper
+from mbpam_ros.nodes.messages import time_stamp
 from mbpam_ros.nodes.runtime import STREAM
+from mbpam_ros.plant.plant import build_plant
+from mbpam_ros.plant.scene import load_scene
 
 WAIT_S = 10.0
 
@@ -45,6 +50,7 @@ class Graph:
         rclpy.init(context=self._context, domain_id=domain_number)
         self.executor = EventsExecutor(context=self._context)
         self.nodes: list[Node] = []
+        self._clock_publisher = None
         self.test_node = self._adopt(Node("test_node", context=self._context, use_global_arguments=False))
 
     def add(self, node_class: type[Node], namespace: str = "", remap: dict[str, str] | None = None, **parameters):
@@ -92,12 +98,29 @@ class Graph:
         self.spin_until(future.done, f"answer of {name}")
         return future.result()
 
+    def set_time(self, time_s: float) -> None:
+        """Set the clock of the nodes that were added with ``use_sim_time=True``."""
+        simulated = [node for node in self.nodes if node.get_parameter("use_sim_time").value]
+        if self._clock_publisher is None:
+            self._clock_publisher = self.test_node.create_publisher(Clock, "/clock", STREAM)
+        self.spin_until(lambda: self._clock_publisher.get_subscription_count() == len(simulated), "listeners of /clock")
+        stamp = time_stamp(time_s)
+        self._clock_publisher.publish(Clock(clock=stamp))
+        self.spin_until(lambda: all(node.get_clock().now().to_msg() == stamp for node in simulated), "simulated time")
+
     def close(self) -> None:
         """Take everything down."""
         self.executor.shutdown()
         for node in self.nodes:
             node.destroy_node()
         self._context.try_shutdown()
+
+
+@pytest.fixture(scope="session")
+def compiled_plant() -> None:
+    """Have the simulated plant compiled: on a fresh machine that takes longer than a test waits."""
+    for scene in ("bulb", "empty"):
+        build_plant(load_scene(scene), load_gripper()).step([0.0] * 16, 0.01)
 
 
 @pytest.fixture

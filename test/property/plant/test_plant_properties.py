@@ -4,12 +4,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.contact import deepest_station, force_law
 from mbpam_ros.plant.contact_config import ContactConfig
 from mbpam_ros.plant.finger import inertia_and_load, mass_nodes, station
 from mbpam_ros.plant.multibody import solve_in_place
 from mbpam_ros.plant.shapes import BOX, CYLINDER, SPHERE, signed_distance
-from mbpam_ros.gripper import load_gripper
 
 MUSCLE = np.array([0.015, 0.100, 0.010])
 NODES = mass_nodes(load_gripper().geometry)
@@ -37,7 +37,9 @@ def test_outside_a_solid_going_the_distance_against_the_gradient_ends_on_its_sur
 
 @given(bends, points)
 @settings(max_examples=50)
-def test_no_sampled_point_of_a_muscle_is_deeper_in_a_sphere_than_the_deepest_by_more_than_the_search_allows(bend, centre):
+def test_no_sampled_point_of_a_muscle_is_deeper_in_a_sphere_than_the_deepest_by_more_than_the_search_allows(
+    bend, centre
+):
     half, centre = np.full(3, 0.03), np.array(centre)
     depth, _ = deepest_station(*bend, MUSCLE, np.zeros(3), SPHERE, half, centre, np.eye(3), np.empty(7))
     sampled = max(

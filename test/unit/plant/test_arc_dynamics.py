@@ -99,7 +99,10 @@ def test_a_grasp_converges_with_the_step():
 
 def test_an_object_in_free_fall_follows_the_parabola():
     thrown = dataclasses.replace(
-        BULB, position_m=np.array([0.0, 0.0, 0.5]), velocity_m_s=(0.3, -0.2, -1.0), angular_velocity_rad_s=(1.0, 2.0, 3.0)
+        BULB,
+        position_m=np.array([0.0, 0.0, 0.5]),
+        velocity_m_s=(0.3, -0.2, -1.0),
+        angular_velocity_rad_s=(1.0, 2.0, 3.0),
     )
     body = advance(tier(1e-3, thrown), actuation([0, 0]), actuation([0, 0]), 0.5, 1e-3).body
     np.testing.assert_allclose(body.position_m, [0.15, -0.1, 0.5 - 0.5 + 0.5 * 9.81 * 0.25], atol=1e-9)

@@ -23,7 +23,9 @@ FILL_ONE = np.eye(16)[2]
 
 
 def plant_of(scene, seed=0, **changes):
-    return build_plant(dataclasses.replace(scene, config=dataclasses.replace(scene.config, **changes)), GRIPPER, seed=seed)
+    return build_plant(
+        dataclasses.replace(scene, config=dataclasses.replace(scene.config, **changes)), GRIPPER, seed=seed
+    )
 
 
 def fields(observation):

@@ -188,10 +188,10 @@ def test_the_image_is_left_as_it_was(detector):
 @pytest.mark.parametrize(
     ("image", "encoding", "match"),
     [
-        (np.zeros((480, 640, 3), np.uint8), "rgba8", "encoding"),
-        (np.zeros((480, 640, 3), np.float32), "rgb8", "uint8"),
-        (np.zeros((480, 640), np.uint8), "rgb8", "does not fit"),
-        (np.zeros((480, 640, 3), np.uint8), "mono8", "does not fit"),
+        (np.zeros((CONFIG.height_px, CONFIG.width_px, 3), np.uint8), "rgba8", "encoding"),
+        (np.zeros((CONFIG.height_px, CONFIG.width_px, 3), np.float32), "rgb8", "uint8"),
+        (np.zeros((CONFIG.height_px, CONFIG.width_px), np.uint8), "rgb8", "does not fit"),
+        (np.zeros((CONFIG.height_px, CONFIG.width_px, 3), np.uint8), "mono8", "does not fit"),
         (np.zeros((240, 320, 3), np.uint8), "rgb8", "does not fit"),
         (np.zeros((0, 0, 3), np.uint8), "rgb8", "does not fit"),
         ("an image", "rgb8", "uint8"),
@@ -221,11 +221,11 @@ def test_an_uncalibrated_camera_is_refused():
 
 @pytest.mark.parametrize("fill", [0, 128, 255])
 def test_a_blank_image_shows_nothing(detector, fill):
-    assert look(detector, np.full((480, 640, 3), fill, np.uint8)) == []
+    assert look(detector, np.full((CONFIG.height_px, CONFIG.width_px, 3), fill, np.uint8)) == []
 
 
 def test_pure_noise_shows_nothing(detector):
-    image = np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8)
+    image = np.random.default_rng(0).integers(0, 256, (CONFIG.height_px, CONFIG.width_px, 3), dtype=np.uint8)
     assert look(detector, image) == []
 
 

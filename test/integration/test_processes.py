@@ -1,0 +1,310 @@
+"""The gripper as operating-system processes: start, signals, wrong arguments, kill -9 and restart, name spaces."""
+
+import importlib
+import math
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from mbpam_ros.nodes.system import NODES, NodeProcesses, Operator  # isort: skip
+import numpy as np
+import yaml
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import MarkerArray
+
+from mbpam_ros.actuator.chambers import CHANNEL_NAMES
+from mbpam_ros.configuration import config_path
+from mbpam_ros.nodes.messages import joint_state, time_stamp
+from mbpam_ros.nodes.runtime import LATCHED, STREAM
+
+WAIT_S = 15.0
+START_S = 60.0
+CAMERALESS = ("plant", "pressure_sensor", "valve_controller", "grasp_arbiter")
+OK = DiagnosticStatus.OK
+
+
+class Gripper:
+    """One gripper as a user sees it: its processes, its services and what it publishes."""
+
+    def __init__(self, processes: NodeProcesses, namespace: str, domain: int) -> None:
+        self.processes = processes
+        self.operator = Operator("test_operator", namespace, idle=processes.check, domain_id=domain)
+        self._prefix = self.operator.node.get_namespace().rstrip("/")
+        self.grasp: dict[str, str] = {}
+        self.pressure_pa = np.full(len(CHANNEL_NAMES), math.nan)
+        self.height_m: dict[str, float] = {}
+        subscribe = self.operator.node.create_subscription
+        subscribe(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
+        subscribe(JointState, "chamber_states", self._on_chamber_states, STREAM)
+        subscribe(MarkerArray, "plant/finger_markers", self._on_truth, STREAM)
+
+    def health(self, name: str) -> tuple[bytes, str, dict[str, str]]:
+        """Level, message and values that a node reported last; level WARN before the first report."""
+        return self.operator.health.get(f"{self._prefix}/{name}", (DiagnosticStatus.WARN, "no report", {}))
+
+    def wait_for(self, predicate: Callable[[], bool], what: str, timeout_s: float = WAIT_S) -> None:
+        self.operator.wait_for(predicate, timeout_s, what)
+
+    def wait_for_phase(self, phase: str) -> None:
+        self.wait_for(lambda: self.grasp.get("phase") == phase, f"phase {phase}")
+
+    def enable(self) -> None:
+        answer = self.operator.call(SetBool, "valve_controller/enable", SetBool.Request(data=True))
+        assert answer.success, answer.message
+        self.wait_for(lambda: self.health("grasp_arbiter")[0] == OK, "readiness")
+
+    def ask(self, service: str) -> None:
+        answer = self.operator.call(Trigger, service)
+        assert answer.success, f"{service}: {answer.message}"
+
+    def close_fingers(self) -> None:
+        self.ask("grasp/envelope")
+        self.wait_for_phase("holding")
+
+    def let_go_and_reset(self) -> None:
+        """Go from a fault that keeps the object back to idle."""
+        self.ask("grasp/release")
+        self.wait_for(lambda: (self.pressure_pa < 5e3).all(), "vented chambers")
+        # The watched nodes must have said that they are well again.
+        self.wait_for(lambda: self.operator.call(Trigger, "grasp/reset").success, "a reset that is accepted")
+        self.wait_for_phase("idle")
+
+    def lift(self) -> None:
+        """Raise the hand by its whole 0.1 m with what it holds."""
+        self.wait_for(lambda: "object" in self.height_m, "the object's marker")
+        self.ask("plant/lift")
+        self.wait_for(lambda: self.height_m["palm"] > 0.099, "the raised hand")
+
+    def kill(self, executable: str) -> None:
+        process = self.processes.processes.pop(executable)
+        process.kill()
+        process.wait()
+        self.operator.health.pop(f"{self._prefix}/{executable}", None)
+
+    def restart(self, executable: str) -> None:
+        self.processes.start(executable)
+        self.operator.wait_for_nodes([executable], START_S)
+
+    def _on_grasp_state(self, state: DiagnosticStatus) -> None:
+        self.grasp = {item.key: item.value for item in state.values}
+
+    def _on_chamber_states(self, message: JointState) -> None:
+        self.pressure_pa = np.array(message.effort)
+
+    def _on_truth(self, message: MarkerArray) -> None:
+        self.height_m.update({m.ns: -m.pose.position.z for m in message.markers if m.ns in ("palm", "object")})
+
+
+@pytest.fixture
+def start(domain: int, log_directory: Path) -> Iterator[Callable[..., Gripper]]:
+    """Start executables as processes, wait until each node has reported, and return the gripper."""
+    with ExitStack() as stack:
+
+        def start_gripper(
+            executables: Sequence[str] = NODES,
+            *,
+            arguments: dict[str, list[str]] | None = None,
+            common: Sequence[str] = (),
+            namespace: str = "",
+            nodes: Sequence[str] | None = None,
+        ) -> Gripper:
+            rules = [*common, "-r", f"__ns:={namespace}"] if namespace else common
+            environment = {"ROS_DOMAIN_ID": str(domain)}
+            logs = log_directory / (namespace.strip("/") or "gripper")
+            processes = stack.enter_context(NodeProcesses(logs, arguments, rules, executables, environment))
+            gripper = Gripper(processes, namespace, domain)
+            stack.callback(gripper.operator.close)
+            gripper.operator.wait_for_nodes(executables if nodes is None else nodes, START_S)
+            return gripper
+
+        yield start_gripper
+
+
+def run_to_its_end(executable: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", f"mbpam_ros.nodes.{executable}", "--ros-args", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=START_S, check=False)
+
+
+@pytest.mark.parametrize("stop_signal", [signal.SIGINT, signal.SIGTERM])
+def test_every_executable_reports_its_health_and_a_signal_ends_it_with_code_0(start, stop_signal):
+    gripper = start()
+    gripper.enable()
+    gripper.ask("grasp/envelope")  # so that the signal meets work in every node
+    codes = gripper.processes.stop(stop_signal)
+    assert codes == dict.fromkeys(NODES, 0)
+    for executable in NODES:
+        log = gripper.processes.log(executable).read_text()
+        assert "Traceback" not in log and "FATAL" not in log, log
+
+
+@pytest.mark.parametrize("stop_signal", [signal.SIGINT, signal.SIGTERM])
+def test_bringup_runs_all_six_nodes_and_a_signal_ends_it_with_code_0(start, stop_signal):
+    gripper = start(["bringup"], nodes=NODES)
+    gripper.enable()
+    gripper.close_fingers()
+    assert gripper.processes.stop(stop_signal) == {"bringup": 0}
+    log = gripper.processes.log("bringup").read_text()
+    assert "Traceback" not in log and "FATAL" not in log, log
+
+
+@pytest.mark.parametrize(
+    ("executable", "parameter", "named"),
+    [
+        ("plant", "scene:=nonsense", "scene 'nonsense'"),
+        ("plant", "rat_hz:=5", "unknown parameter rat_hz"),
+        ("plant", "seed:=-1", "parameter seed"),
+        ("pressure_sensor", "pneumatics:=nowhere.yaml", "nowhere.yaml"),
+        ("valve_controller", "watchdog_rate_hz:=fast", "parameter watchdog_rate_hz"),
+        ("state_estimator", "metamodel:=oracle", "unknown metamodel 'oracle'"),
+        ("object_detector", "support_depth_m:=.nan", "parameter support_depth_m"),
+        ("grasp_arbiter", "modes:=gripper.yaml", "gripper.yaml"),
+        ("bringup", "plant:scene:=nonsense", "scene 'nonsense'"),
+    ],
+)
+def test_a_wrong_parameter_ends_the_executable_with_code_2_and_one_line_that_names_it(
+    executable, parameter, named, domain, monkeypatch
+):
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    ended = run_to_its_end(executable, "-p", parameter)
+    assert ended.returncode == 2
+    assert len(ended.stderr.strip().splitlines()) == 1, ended.stderr
+    assert ended.stderr.startswith("error: ") and named in ended.stderr
+
+
+def test_ros_arguments_that_cannot_be_read_end_the_executable_with_code_2(domain, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    ended = run_to_its_end("plant", "--params-file", "/nowhere/nodes.yaml")
+    assert ended.returncode == 2
+    assert "Traceback" not in ended.stderr
+    assert ended.stderr.splitlines()[-1].startswith("error: ") and "/nowhere/nodes.yaml" in ended.stderr
+
+
+def test_after_kill_of_the_valve_controller_the_object_stays_held_and_a_restart_recovers(start):
+    gripper = start(CAMERALESS)
+    gripper.enable()
+    gripper.close_fingers()
+    gripper.lift()
+    held_at_m, held_pa = gripper.height_m["object"], gripper.pressure_pa
+    gripper.kill("valve_controller")
+    gripper.wait_for_phase("fault")
+    assert "valve_controller: no health report" in gripper.grasp["reason"]
+    assert gripper.grasp["air"] == "hold"
+    gripper.wait_for(lambda: gripper.health("grasp_arbiter")[0] == DiagnosticStatus.ERROR, "the arbiter's report")
+    assert abs(gripper.height_m["object"] - held_at_m) < 0.005
+    assert np.abs(gripper.pressure_pa - held_pa).max() < 2e3
+
+    gripper.restart("valve_controller")
+    gripper.ask("plant/lower")
+    gripper.wait_for(lambda: gripper.height_m["palm"] < 0.001, "the lowered hand")
+    gripper.let_go_and_reset()
+    gripper.enable()
+    gripper.close_fingers()
+
+
+def test_after_kill_of_the_pressure_sensor_the_watchdog_reports_and_a_restart_recovers(start):
+    gripper = start(CAMERALESS)
+    gripper.enable()
+    gripper.close_fingers()
+    gripper.lift()
+    held_at_m = gripper.height_m["object"]
+    gripper.kill("pressure_sensor")
+    gripper.wait_for(lambda: gripper.health("valve_controller")[0] == DiagnosticStatus.ERROR, "the watchdog's report")
+    assert gripper.health("valve_controller")[1] == "16 of 16 channels at fault"
+    assert gripper.health("valve_controller")[2][CHANNEL_NAMES[0]] == "no fresh valid pressure"
+    gripper.wait_for_phase("fault")
+    # Whichever comes first: the watchdog's report, or the arbiter's own look at the age of the pressures.
+    assert "at fault" in gripper.grasp["reason"] or "no valid pressure reading" in gripper.grasp["reason"]
+    assert gripper.grasp["air"] == "hold"
+
+    gripper.restart("pressure_sensor")
+    gripper.wait_for(lambda: np.isfinite(gripper.pressure_pa).all(), "pressures")
+    gripper.wait_for(
+        lambda: gripper.health("valve_controller")[0] != DiagnosticStatus.ERROR, "the watchdog's all-clear"
+    )
+    assert abs(gripper.height_m["object"] - held_at_m) < 0.005
+    gripper.let_go_and_reset()
+    gripper.close_fingers()
+
+
+def test_after_kill_of_the_plant_the_other_nodes_report_stay_up_and_go_on_with_a_new_plant(start):
+    gripper = start(CAMERALESS)
+    gripper.enable()
+    gripper.close_fingers()
+    gripper.kill("plant")
+    gripper.wait_for_phase("fault")
+    gripper.wait_for(lambda: gripper.health("pressure_sensor")[0] == DiagnosticStatus.ERROR, "the sensor's report")
+    assert gripper.health("pressure_sensor")[2][CHANNEL_NAMES[0]] == "missing"
+    assert np.isnan(gripper.pressure_pa).all()
+    gripper.restart("plant")
+    gripper.let_go_and_reset()
+    gripper.close_fingers()
+
+
+def test_two_grippers_run_side_by_side_under_their_namespaces(start):
+    left, right = (start(CAMERALESS, namespace=namespace) for namespace in ("/left", "/right"))
+    right.enable()
+    left.enable()
+    left.close_fingers()
+    assert left.pressure_pa.max() > 90e3
+    assert right.grasp["phase"] == "idle"
+    assert right.pressure_pa.max() < 1e3
+    left.ask("grasp/stop")
+    left.wait_for_phase("fault")
+    right.close_fingers()
+
+
+def test_a_parameter_file_holds_under_any_namespace_and_one_gripper_may_differ(start, tmp_path):
+    for_all, for_left = tmp_path / "all.yaml", tmp_path / "left.yaml"
+    parameters = yaml.safe_load(config_path("nodes.yaml").read_text())
+    parameters["/**/plant"]["ros__parameters"]["scene"] = "tomato"
+    for_all.write_text(yaml.safe_dump(parameters, sort_keys=False))
+    for_left.write_text("/left/plant:\n  ros__parameters:\n    scene: carton\n")
+    files = ["--params-file", str(for_all), "--params-file", str(for_left)]
+    left, right = (start(["bringup"], common=files, namespace=name, nodes=NODES) for name in ("/left", "/right"))
+    assert left.health("plant")[2]["scene"] == "carton"
+    assert right.health("plant")[2]["scene"] == "tomato"
+
+
+def test_topics_can_be_remapped_on_the_command_line(start):
+    gripper = start(["pressure_sensor"], common=["-r", "transducers:=driver/volts"], namespace="/left")
+    publisher = gripper.operator.node.create_publisher(JointState, "driver/volts", STREAM)
+    gripper.wait_for(lambda: publisher.get_subscription_count() > 0, "a subscription of driver/volts")
+    publisher.publish(joint_state(time_stamp(1.0), CHANNEL_NAMES, effort=[2.5] * 16))
+    gripper.wait_for(lambda: np.isfinite(gripper.pressure_pa).all(), "chamber_states")
+    assert gripper.pressure_pa == pytest.approx(100e3, abs=1.0)
+
+
+def test_all_nodes_follow_the_plants_clock_under_use_sim_time(start):
+    clock = ["-p", "use_sim_time:=true", "-p", "plant:publish_clock:=true", "-p", "plant:lock_step:=true"]
+    gripper = start(["bringup"], common=clock, nodes=NODES)
+    gripper.enable()
+    stamps = []
+    on_setpoints = lambda message: stamps.append(message.header.stamp.sec)  # noqa: E731
+    gripper.operator.node.create_subscription(JointState, "pressure_setpoints", on_setpoints, STREAM)
+    gripper.close_fingers()
+    gripper.wait_for(lambda: stamps, "set-points")
+    assert max(stamps) < 1e6  # seconds since the plant's start, not since 1970
+
+
+def test_the_parameter_file_holds_every_parameter_of_every_node_at_its_default():
+    written = yaml.safe_load(config_path("nodes.yaml").read_text())
+    declared = {
+        f"/**/{name}": {
+            "ros__parameters": {
+                parameter.name: parameter.default
+                for parameter in importlib.import_module(f"mbpam_ros.nodes.{name}").PARAMETERS
+            }
+        }
+        for name in NODES
+    }
+    assert written == declared
+    for name, section in declared.items():
+        for key, default in section["ros__parameters"].items():
+            assert type(written[name]["ros__parameters"][key]) is type(default), key
