@@ -15,8 +15,14 @@ NODES = (
     "bringup",
     "demo",
 )
-ROS_WHEELS = ["ros-rclpy", "ros-rmw-fastrtps-cpp", "ros-rmw-fastrtps-shared-cpp", "ros-common-interfaces"]
-TEST = ["pytest", "pytest-timeout", "hypothesis", "ros-domain-coordinator"]
+ROS_WHEELS = [
+    "ros-rclpy",
+    "ros-rmw-fastrtps-cpp",
+    "ros-rmw-fastrtps-shared-cpp",
+    "ros-common-interfaces",
+    "ros-domain-coordinator",
+]
+TEST = ["pytest", "pytest-timeout", "hypothesis"]
 
 
 def shared_files() -> list[tuple[str, list[str]]]:
