@@ -12,6 +12,7 @@ import math
 import os
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -179,7 +180,7 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
     name = scene.object.label
     watcher = Watcher(operator)
 
-    def wait_for(predicate: object, timeout_s: float, what: str) -> None:
+    def wait_for(predicate: Callable[[], bool], timeout_s: float, what: str) -> None:
         def step() -> bool:
             line.show(
                 f"{name}: {what}  [{watcher.elapsed_s:4.1f} s, {watcher.grasp.get('phase', '-')}, "
@@ -190,7 +191,9 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
         operator.wait_for(step, timeout_s, what)
 
     line.say(f"{name}: starting {len(NODES)} node processes")
-    wait_for(lambda: set(operator.health) >= {f"/{node}" for node in NODES}, 90.0, "waiting for six health reports")
+    for node in NODES:
+        hint = " (compiles its contact solver on the first run)" if node == "plant" else ""
+        wait_for(lambda node=node: f"/{node}" in operator.health, 90.0, f"waiting for {node}{hint}")
     _ask(operator, SetBool, "valve_controller/enable", SetBool.Request(data=True))
     wait_for(lambda: operator.health["/grasp_arbiter"][0] == DiagnosticStatus.OK, 20.0, "waiting for readiness")
     wait_for(lambda: watcher.hears_everything, 20.0, "looking")

@@ -45,57 +45,68 @@ def _distance_along(bx, by, muscle, s, base, solid, half, centre, rotation, foun
 
 
 @njit
-def deepest_station(bx, by, muscle, base, solid, half, centre, rotation, found):
-    """Return depth [m] and arc length [m] of the muscle's deepest point in a solid; depth < 0 if they do not touch.
+def sample_distances(bx, by, muscle, base, solid, half, centre, rotation, found, distances) -> float:
+    """Write the distances of STATIONS points of the centreline into ``distances``; return their spacing [m].
 
     The muscle is a ball of its radius swept along the centreline up to one radius before its end, so that its rounded
-    tip ends where the muscle ends. Samples find the bracket (the distance changes by no more than the arc length, so
-    none between two samples can be nearer by more than half their spacing), Illinois steps on the slope find the
-    minimum, so the point moves smoothly with the bend. ``found`` (7,) is then distance of the centreline, its point and
-    the solid's outward normal there.
+    tip ends where the muscle ends.
     """
-    radius = muscle[2]
-    last = 2.0 * muscle[0] + muscle[1] - radius
-    spacing = last / (STATIONS - 1)
-    best, nearest, slope = 0, 1e30, 0.0
-    low, high, low_slope, high_slope, side = 0.0, 0.0, 0.0, 0.0, 0
-    s = 0.0
-    for k in range(STATIONS + 15):  # samples, the best of them again, its neighbour, Illinois steps
-        if k < STATIONS:
-            s = k * spacing
-        elif k == STATIONS:
-            if nearest - 0.5 * spacing > radius:
-                return -1.0, 0.0
-            s = best * spacing
+    spacing = (2.0 * muscle[0] + muscle[1] - muscle[2]) / (STATIONS - 1)
+    for k in range(STATIONS):
+        _distance_along(bx, by, muscle, k * spacing, base, solid, half, centre, rotation, found)
+        distances[k] = found[0]
+    return spacing
+
+
+@njit
+def may_touch(distances, k, radius, spacing) -> bool:
+    """Return whether sample k is a local minimum that may be within ``radius``.
+
+    The distance changes by no more than the arc length, so none near a sample is nearer by more than the spacing.
+    """
+    if distances[k] - spacing > radius:
+        return False
+    return (k == 0 or distances[k] < distances[k - 1]) and (k == STATIONS - 1 or distances[k] <= distances[k + 1])
+
+
+@njit
+def deepest_near(bx, by, muscle, base, solid, half, centre, rotation, k, spacing, found):  # noqa: ANN201
+    """Return depth [m] and arc length [m] of the minimum of the distance beside sample k.
+
+    Illinois steps on the slope of the distance, so the point moves smoothly with the bend. ``found`` (7,) is then the
+    distance of the centreline, its point and the solid's outward normal there.
+    """
+    s = k * spacing
+    low, high, low_slope, high_slope, side = s, s, 0.0, 0.0, 0
+    for trial in range(16):  # the sample, its neighbour, Illinois steps
         slope = _distance_along(bx, by, muscle, s, base, solid, half, centre, rotation, found)
-        if k < STATIONS:
-            if found[0] < nearest:
-                best, nearest = k, found[0]
-        elif k == STATIONS:
-            if (best == STATIONS - 1 and slope <= 0.0) or (best == 0 and slope >= 0.0):
+        if trial == 0:
+            if (k == STATIONS - 1 and slope <= 0.0) or (k == 0 and slope >= 0.0):
                 break
-            low, high, low_slope, high_slope = s, s, slope, slope
+            low_slope, high_slope = slope, slope
             s += spacing if slope < 0.0 else -spacing
-        else:
-            if k == STATIONS + 1:
-                if s > high:
-                    high, high_slope = s, slope
-                else:
-                    low, low_slope = s, slope
-                if not low_slope < 0.0 < high_slope:
-                    break
-            elif abs(slope) < 1e-7 or high - low < 1e-8:
-                break
-            elif slope < 0.0:
-                low, low_slope = s, slope
-                high_slope *= 0.5 if side < 0 else 1.0
-                side = -1
-            else:
+            continue
+        if trial == 1:
+            if s > high:
                 high, high_slope = s, slope
-                low_slope *= 0.5 if side > 0 else 1.0
-                side = 1
-            s = (low * high_slope - high * low_slope) / (high_slope - low_slope)
-    return radius - found[0], s
+            else:
+                low, low_slope = s, slope
+            if not low_slope < 0.0 < high_slope:
+                s = k * spacing  # a kink (the solid's edge) at the sample
+                _distance_along(bx, by, muscle, s, base, solid, half, centre, rotation, found)
+                break
+        elif abs(slope) < 1e-7 or high - low < 1e-8:
+            break
+        elif slope < 0.0:
+            low, low_slope = s, slope
+            high_slope *= 0.5 if side < 0 else 1.0
+            side = -1
+        else:
+            high, high_slope = s, slope
+            low_slope *= 0.5 if side > 0 else 1.0
+            side = 1
+        s = (low * high_slope - high * low_slope) / (high_slope - low_slope)
+    return muscle[2] - found[0], s
 
 
 @njit
@@ -122,10 +133,11 @@ def force_law(law, depth, h, normal, velocity, grip, force):
 
 
 @njit
-def force_slope(law, h, normal, velocity, f, grip, force, whole, slope):
+def force_slope(law, h, normal, velocity, f, grip, force, whole, secant, slope):
     """Write -d(force)/d(velocity) (6, 6) at the normal force f and the friction load ``grip``.
 
     ``whole``: the derivative with friction following f. Otherwise at constant friction load: symmetric, positive.
+    ``secant``: friction as a constant resistance, force over velocity; never less than the derivative.
     """
     vn = normal[0] * velocity[0] + normal[1] * velocity[1] + normal[2] * velocity[2]
     wn = normal[0] * velocity[3] + normal[1] * velocity[4] + normal[2] * velocity[5]
@@ -135,7 +147,7 @@ def force_slope(law, h, normal, velocity, f, grip, force, whole, slope):
         roll += (velocity[3 + i] - wn * normal[i]) ** 2
     slip, roll = slip**0.5, roll**0.5
     drag = grip * law[2] / max(slip, law[5])
-    twist = 0.0 if abs(wn) > law[6] else grip * law[3] / law[6]
+    twist = 0.0 if abs(wn) > law[6] and not secant else grip * law[3] / max(abs(wn), law[6])
     curl = grip * law[4] / max(roll, law[6])
     grow = (law[0] * h + law[1]) / f if f > 0.0 else 0.0
     for i in range(3):
@@ -143,9 +155,9 @@ def force_slope(law, h, normal, velocity, f, grip, force, whole, slope):
         for j in range(3):
             across = (1.0 if i == j else 0.0) - normal[i] * normal[j]
             linear, angular = drag * across, curl * across + twist * normal[i] * normal[j]
-            if slip > law[5]:
+            if slip > law[5] and not secant:
                 linear -= drag * ti * (velocity[j] - vn * normal[j]) / (slip * slip)
-            if roll > law[6]:
+            if roll > law[6] and not secant:
                 angular -= curl * ri * (velocity[3 + j] - wn * normal[j]) / (roll * roll)
             slope[i, j] = linear + grow * (force[i] if whole else f * normal[i]) * normal[j]
             slope[i, 3 + j] = 0.0

@@ -28,8 +28,8 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from mbpam_ros.plant.contact import deepest_station, force_law, force_slope
-from mbpam_ros.plant.finger import inertia_and_load, station_jacobian
+from mbpam_ros.plant.contact import deepest_near, force_law, force_slope, may_touch, sample_distances
+from mbpam_ros.plant.finger import STATIONS, inertia_and_load, station_jacobian
 from mbpam_ros.plant.shapes import PLANE, REST_POINTS, rest_points
 
 FINGER_OBJECT, OBJECT_SUPPORT, FINGER_SUPPORT, OBJECT_PALM = 0, 1, 2, 3
@@ -38,7 +38,10 @@ FINGER_OBJECT, OBJECT_SUPPORT, FINGER_SUPPORT, OBJECT_PALM = 0, 1, 2, 3
 OK, NOT_FINITE, ABSURD, NOT_SOLVED = 0, 1, 2, 3
 """What a step answers."""
 
-MAX_CONTACTS = 8 + 3 * REST_POINTS
+FINGER_POINTS = 3
+"""The most points at which one finger touches one solid: each local minimum of the distance is one."""
+
+MAX_CONTACTS = 8 * FINGER_POINTS + 3 * REST_POINTS
 PLATE_THICKNESS_M = 0.010
 """A support with a footprint is a plate: what is deeper than this below its top has gone past its edge."""
 
@@ -135,6 +138,7 @@ def find_contacts(
     n = 0
     point, arm, base, scratch = np.empty(3), np.empty(3), np.empty(3), np.empty((6, 2))
     points, level, plane_centre, found = np.empty((REST_POINTS, 3)), np.eye(3), np.zeros(3), np.empty(7)
+    distances = np.empty(STATIONS)
     if reach_planes:
         plane_centre[2] = planes[-1, 0]
     for f in range(bases.shape[0]):
@@ -143,31 +147,33 @@ def find_contacts(
             on_object = target == 0
             if (on_object and body < 0) or not (on_object or reach_planes):
                 continue
-            d, s = deepest_station(
-                bend[2 * f], bend[2 * f + 1], muscle, base,
-                body if on_object else PLANE,
-                half,
-                centre if on_object else plane_centre,
-                rotation if on_object else level,
-                found,
-            )  # fmt: skip
-            if d <= 0.0:
-                continue
-            for i in range(3):
-                normal[n, i] = -found[4 + i] if on_object else found[4 + i]
-                arm[i] = -0.5 * (found[0] + muscle[2]) * found[4 + i]
-                point[i] = found[1 + i] + arm[i]
-                offset[n, i] = 0.0
-            # Velocity of the pushed body less that of the other: minus the finger's, or the finger's on the table. The
-            # clamps rise along -z.
-            sign = -1.0 if on_object else 1.0
-            jacobian[n] = 0.0
-            if on_object:
-                object_columns(point, centre, jacobian[n])
-            finger_columns(bend, f, muscle, s, arm, sign, scratch, jacobian[n])
-            offset[n, 2] = -sign * hand_velocity
-            depth[n], finger[n], kind[n] = d, f, FINGER_OBJECT if on_object else FINGER_SUPPORT
-            n += 1
+            solid = body if on_object else PLANE
+            place, turn = (centre, rotation) if on_object else (plane_centre, level)
+            bx, by = bend[2 * f], bend[2 * f + 1]
+            spacing = sample_distances(bx, by, muscle, base, solid, half, place, turn, found, distances)
+            points_here = 0
+            for k in range(STATIONS):
+                if points_here == FINGER_POINTS or not may_touch(distances, k, muscle[2], spacing):
+                    continue
+                d, s = deepest_near(bx, by, muscle, base, solid, half, place, turn, k, spacing, found)
+                if d <= 0.0:
+                    continue
+                for i in range(3):
+                    normal[n, i] = -found[4 + i] if on_object else found[4 + i]
+                    arm[i] = -0.5 * (found[0] + muscle[2]) * found[4 + i]
+                    point[i] = found[1 + i] + arm[i]
+                    offset[n, i] = 0.0
+                # Velocity of the pushed body less that of the other: minus the finger's, or the finger's on the
+                # table. The clamps rise along -z.
+                sign = -1.0 if on_object else 1.0
+                jacobian[n] = 0.0
+                if on_object:
+                    object_columns(point, centre, jacobian[n])
+                finger_columns(bend, f, muscle, s, arm, sign, scratch, jacobian[n])
+                offset[n, 2] = -sign * hand_velocity
+                depth[n], finger[n], kind[n] = d, f, FINGER_OBJECT if on_object else FINGER_SUPPORT
+                n += 1
+                points_here += 1
     if body >= 0:
         for p in range(planes.shape[0]):
             footprint = not math.isinf(planes[p, 1])
@@ -231,7 +237,7 @@ def contact_residual(
 
 @njit
 def newton_step(
-    a, residual, size, n, h, whole, laws, normal, jacobian, finger, kind, velocity, force, push, load,
+    a, residual, size, n, h, whole, secant, laws, normal, jacobian, finger, kind, velocity, force, push, load,
     system, slope, product, step,
 ):  # fmt: skip
     """Write the Newton step (to be subtracted from v) into ``step``; return whether it could be solved for."""
@@ -239,7 +245,7 @@ def newton_step(
     for c in range(n):
         if push[c] <= 0.0 and load[c] <= 0.0:
             continue
-        force_slope(laws[kind[c]], h, normal[c], velocity[c], push[c], load[c], force[c], whole, slope)
+        force_slope(laws[kind[c]], h, normal[c], velocity[c], push[c], load[c], force[c], whole, secant, slope)
         first = 0 if finger[c] >= 0 else 2
         last = 2 if kind[c] == FINGER_SUPPORT else 8
         for i in range(6):
@@ -269,7 +275,7 @@ def solve_contacts(a, b, v, size, n, h, laws, depth, normal, jacobian, offset, f
     residual, step, trial = np.empty(size), np.empty(size), np.empty(size)
     velocity, push = np.zeros((n, 6)), np.zeros(n)
     own, grip, load, usual = np.full(n, -1.0), np.empty(n), np.empty(n), np.zeros(n)
-    iterations, held = 0, False
+    iterations, held, turn = 0, False, 0
     while True:
         for attempt in range(1 if held else 0, 2):
             whole = attempt == 0
@@ -280,12 +286,14 @@ def solve_contacts(a, b, v, size, n, h, laws, depth, normal, jacobian, offset, f
             if (whole or held) and (worst <= VELOCITY_TOLERANCE or iterations >= 2 * NEWTON_LIMIT):
                 return worst, iterations
             iterations += 1
+            secant = not whole and turn == 0
+            turn = 0 if whole else 1 - turn
             for c in range(n):
                 usual[c] += 0.3 * (push[c] - usual[c])
                 load[c] = own[c] if held else push[c]
                 grip[c] = own[c] if whole else load[c]
             if not newton_step(
-                a, residual, size, n, h, whole, laws, normal, jacobian, finger, kind, velocity, force, push, load,
+                a, residual, size, n, h, whole, secant, laws, normal, jacobian, finger, kind, velocity, force, push, load,
                 system, slope, product, step,
             ):  # fmt: skip
                 return np.inf, iterations

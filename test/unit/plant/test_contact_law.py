@@ -76,7 +76,7 @@ def test_slope_is_the_derivative_of_the_force(velocity):
         velocity[:3] = [4e-6, 1e-5, -3e-6]
     f, force = force_at(velocity)
     assert f > 0.0
-    force_slope(CONFIG.law(), STEP_S, NORMAL, velocity, f, f, force, True, slope)
+    force_slope(CONFIG.law(), STEP_S, NORMAL, velocity, f, f, force, True, False, slope)
     for j in range(6):
         step = 1e-8 * np.eye(6)[j]
         expected = -(force_at(velocity + step)[1] - force_at(velocity - step)[1]) / 2e-8
@@ -86,7 +86,7 @@ def test_slope_is_the_derivative_of_the_force(velocity):
 def test_slope_at_held_friction_load_is_symmetric_and_positive():
     velocity, slope = np.array([0.001, 0.002, -0.001, 0.5, -0.2, 0.3]), np.empty((6, 6))
     f, force = force_at(velocity)
-    force_slope(CONFIG.law(), STEP_S, NORMAL, velocity, f, f, force, False, slope)
+    force_slope(CONFIG.law(), STEP_S, NORMAL, velocity, f, f, force, False, False, slope)
     np.testing.assert_allclose(slope, slope.T, atol=1e-12)
     assert np.linalg.eigvalsh(slope).min() > -1e-9
 
