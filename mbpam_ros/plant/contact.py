@@ -1,3 +1,4 @@
+# ruff: noqa: ANN001, ANN201  (compiled functions: numba infers the types)
 r"""Contact: where bodies touch, and the force law between them.
 
 A contact has a point, a normal N (into the body that is pushed: the object, or a finger on the table) and a Jacobian J
@@ -70,7 +71,7 @@ def may_touch(distances, k, radius, spacing) -> bool:
 
 
 @njit
-def deepest_near(bx, by, muscle, base, solid, half, centre, rotation, k, spacing, found):  # noqa: ANN201
+def deepest_near(bx, by, muscle, base, solid, half, centre, rotation, k, spacing, found):
     """Return depth [m] and arc length [m] of the minimum of the distance beside sample k.
 
     Illinois steps on the slope of the distance, so the point moves smoothly with the bend. ``found`` (7,) is then the

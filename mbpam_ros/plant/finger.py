@@ -1,3 +1,4 @@
+# ruff: noqa: ANN001, ANN201  (compiled functions: numba infers the types)
 r"""Mechanics of one constant-curvature muscle in its two bend components.
 
 The active part, of length L, carries the bend angle beta = (beta_x, beta_y) evenly: at the fraction sigma of it the

@@ -1,9 +1,11 @@
+# ruff: noqa: ANN001, ANN201  (compiled functions: numba infers the types)
 r"""Four muscles and one rigid object: the coupled step, compiled.
 
 Unknowns: the velocities v after a sub-step, 8 bend rates and (with an object) its linear and angular velocity, 14 in
 all. Each muscle, with k = B / L and the evaluation point theta:
 
-    M (v - v0) / h = M0 - k (beta + theta h v_theta) - eta k v_theta + load + J_c^T F,  v_theta = (1 - theta) v0 + theta v
+    M (v - v0) / h = M0 - k (beta + theta h v_theta) - eta k v_theta + load + J_c^T F
+    v_theta = (1 - theta) v0 + theta v
 
 theta = 1/2 for a body that touches nothing (implicit midpoint, second order: M, load and velocity terms are taken at
 the midpoint by a second pass) and 1 for one in contact (first order, and damped where the penalty is stiff).
@@ -14,8 +16,9 @@ Contact points and normals are those at the start of the sub-step; it is this th
 
 The contact equations are solved by Newton's method on the velocities. Where a full step does not halve the residual,
 friction is held at its present normal load: what is left is the gradient of a convex function of the velocities, whose
-Newton step with an exact line search always goes down. Where friction loads and slip chase each other without end
-(jamming), the loads are held at their running mean for the rest of the sub-step.
+Newton step with an exact line search goes down, but may stall where sticking turns to slip, and loads and slip may
+chase each other (jamming). After NEWTON_LIMIT iterations the loads are held at their running mean and every other step
+takes the secant of friction, which is never less than its slope. What is then left above SOLVED_M_S is an error.
 """
 
 from __future__ import annotations
@@ -275,7 +278,7 @@ def solve_contacts(a, b, v, size, n, h, laws, depth, normal, jacobian, offset, f
     residual, step, trial = np.empty(size), np.empty(size), np.empty(size)
     velocity, push = np.zeros((n, 6)), np.zeros(n)
     own, grip, load, usual = np.full(n, -1.0), np.empty(n), np.empty(n), np.zeros(n)
-    iterations, held, turn = 0, False, 0
+    iterations, held, secant = 0, False, False
     while True:
         for attempt in range(1 if held else 0, 2):
             whole = attempt == 0
@@ -286,15 +289,14 @@ def solve_contacts(a, b, v, size, n, h, laws, depth, normal, jacobian, offset, f
             if (whole or held) and (worst <= VELOCITY_TOLERANCE or iterations >= 2 * NEWTON_LIMIT):
                 return worst, iterations
             iterations += 1
-            secant = not whole and turn == 0
-            turn = 0 if whole else 1 - turn
+            secant = held and not secant  # every other step: Newton's can stall where sticking turns to slip
             for c in range(n):
                 usual[c] += 0.3 * (push[c] - usual[c])
                 load[c] = own[c] if held else push[c]
                 grip[c] = own[c] if whole else load[c]
             if not newton_step(
-                a, residual, size, n, h, whole, secant, laws, normal, jacobian, finger, kind, velocity, force, push, load,
-                system, slope, product, step,
+                a, residual, size, n, h, whole, secant, laws, normal, jacobian, finger, kind, velocity, force, push,
+                load, system, slope, product, step,
             ):  # fmt: skip
                 return np.inf, iterations
             # Along the step: the slope of the convex function, from below zero at 0; Illinois steps to its root.

@@ -1,3 +1,4 @@
+# ruff: noqa: ANN001, ANN201  (compiled functions: numba infers the types)
 """Solids, compiled: signed distance, and the points on which they rest.
 
 Body frame: that of :mod:`~mbpam_ros.plant.solids`. Functions take a shape code and the half sizes (3,) [m].

@@ -71,6 +71,12 @@ class Graph:
         self.executor.add_node(node)
         return node
 
+    def remove(self, node: Node) -> None:
+        """Take one node down, as when its process ends."""
+        self.nodes.remove(node)
+        self.executor.remove_node(node)
+        node.destroy_node()
+
     def spin_until(self, predicate: Callable[[], bool], what: str, timeout_s: float = WAIT_S) -> None:
         """Run the nodes until ``predicate`` holds; fail the test if it does not in time."""
         deadline = time.monotonic() + timeout_s
@@ -124,11 +130,25 @@ def compiled_plant() -> None:
 
 
 @pytest.fixture
-def graph(domain: int) -> Iterator[Graph]:
+def new_graph(domain: int) -> Iterator[Callable[[], Graph]]:
+    """Opens an empty graph in the test's domain; the one before it is taken down."""
+    opened: list[Graph] = []
+
+    def open_next() -> Graph:
+        while opened:
+            opened.pop().close()
+        opened.append(Graph(domain))
+        return opened[0]
+
+    yield open_next
+    for last in opened:
+        last.close()
+
+
+@pytest.fixture
+def graph(new_graph: Callable[[], Graph]) -> Graph:
     """An empty graph in a domain of its own."""
-    composed = Graph(domain)
-    yield composed
-    composed.close()
+    return new_graph()
 
 
 @pytest.fixture

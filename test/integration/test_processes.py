@@ -77,10 +77,17 @@ class Gripper:
         self.wait_for_phase("idle")
 
     def lift(self) -> None:
-        """Raise the hand by its whole 0.1 m with what it holds."""
-        self.wait_for(lambda: "object" in self.height_m, "the object's marker")
+        """Raise the hand by 0.1 m with what it holds."""
+        self.wait_for(lambda: {"palm", "object"} <= self.height_m.keys(), "the markers of palm and object")
+        low = dict(self.height_m)
         self.ask("plant/lift")
-        self.wait_for(lambda: self.height_m["palm"] > 0.099, "the raised hand")
+        self.wait_for(lambda: self.height_m["palm"] > low["palm"] + 0.0999, "the raised hand")
+        assert self.height_m["object"] > low["object"] + 0.09
+
+    def lower(self) -> None:
+        high_m = self.height_m["palm"]
+        self.ask("plant/lower")
+        self.wait_for(lambda: self.height_m["palm"] < high_m - 0.0998, "the lowered hand")
 
     def kill(self, executable: str) -> None:
         process = self.processes.processes.pop(executable)
@@ -201,8 +208,7 @@ def test_after_kill_of_the_valve_controller_the_object_stays_held_and_a_restart_
     assert np.abs(gripper.pressure_pa - held_pa).max() < 2e3
 
     gripper.restart("valve_controller")
-    gripper.ask("plant/lower")
-    gripper.wait_for(lambda: gripper.height_m["palm"] < 0.001, "the lowered hand")
+    gripper.lower()
     gripper.let_go_and_reset()
     gripper.enable()
     gripper.close_fingers()

@@ -5,9 +5,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.contact import deepest_station, force_law
+from mbpam_ros.plant.contact import deepest_near, force_law, may_touch, sample_distances
 from mbpam_ros.plant.contact_config import ContactConfig
-from mbpam_ros.plant.finger import inertia_and_load, mass_nodes, station
+from mbpam_ros.plant.finger import STATIONS, inertia_and_load, mass_nodes, station
 from mbpam_ros.plant.multibody import solve_in_place
 from mbpam_ros.plant.shapes import BOX, CYLINDER, SPHERE, signed_distance
 
@@ -21,12 +21,14 @@ shapes = st.sampled_from([SPHERE, CYLINDER, BOX])
 
 
 @given(shapes, halves, points, points)
+@settings(deadline=None)  # the first example compiles
 def test_distance_changes_by_no_more_than_the_way_moved(shape, half, here, there):
     first, second = (signed_distance(shape, half, *point)[0] for point in (here, there))
     assert abs(first - second) <= np.linalg.norm(np.subtract(here, there)) + 1e-12
 
 
 @given(shapes, halves, points)
+@settings(deadline=None)  # the first example compiles
 def test_outside_a_solid_going_the_distance_against_the_gradient_ends_on_its_surface(shape, half, point):
     distance, *gradient = signed_distance(shape, half, *point)
     assert abs(np.linalg.norm(gradient) - 1.0) < 1e-9
@@ -36,12 +38,15 @@ def test_outside_a_solid_going_the_distance_against_the_gradient_ends_on_its_sur
 
 
 @given(bends, points)
-@settings(max_examples=50)
+@settings(max_examples=50, deadline=None)
 def test_no_sampled_point_of_a_muscle_is_deeper_in_a_sphere_than_the_deepest_by_more_than_the_search_allows(
     bend, centre
 ):
     half, centre = np.full(3, 0.03), np.array(centre)
-    depth, _ = deepest_station(*bend, MUSCLE, np.zeros(3), SPHERE, half, centre, np.eye(3), np.empty(7))
+    place, distances, found = (np.zeros(3), SPHERE, half, centre, np.eye(3)), np.empty(STATIONS), np.empty(7)
+    spacing = sample_distances(*bend, MUSCLE, *place, found, distances)
+    near = [k for k in range(STATIONS) if may_touch(distances, k, 0.010, spacing)]
+    depth = max((deepest_near(*bend, MUSCLE, *place, k, spacing, found)[0] for k in near), default=0.0)
     sampled = max(
         0.010 - signed_distance(SPHERE, half, *(np.array(station(*bend, MUSCLE, s)[:3]) - centre))[0]
         for s in np.linspace(0.0, 0.120, 241)
@@ -51,6 +56,7 @@ def test_no_sampled_point_of_a_muscle_is_deeper_in_a_sphere_than_the_deepest_by_
 
 
 @given(bends, bends)
+@settings(deadline=None)  # the first example compiles
 def test_the_mass_matrix_is_positive_and_the_same_in_every_azimuth(bend, rate):
     mxx, mxy, myy, *_ = inertia_and_load(*bend, *rate, MUSCLE, NODES, 9.81)
     assert np.linalg.eigvalsh([[mxx, mxy], [mxy, myy]]).min() > 0.0
@@ -62,6 +68,7 @@ velocities = st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6).map(np.array
 
 
 @given(velocities, st.floats(0.0, 1e-3), st.floats(0.0, 1.0))
+@settings(deadline=None)  # the first example compiles
 def test_contact_takes_energy_and_stays_within_the_friction_cone(velocity, depth, friction):
     config = ContactConfig(2000.0, 2.0, friction, 0.001, 0.0002, 2e-5, 1e-3)
     normal, force = np.array([0.0, 0.6, 0.8]), np.empty(6)
@@ -75,6 +82,7 @@ def test_contact_takes_energy_and_stays_within_the_friction_cone(velocity, depth
 
 
 @given(st.integers(1, 14), st.integers(0, 10_000))
+@settings(deadline=None)  # the first example compiles
 def test_elimination_solves_what_numpy_solves(size, seed):
     random = np.random.default_rng(seed)
     matrix, right = random.standard_normal((size, size)) + 3.0 * np.eye(size), random.standard_normal(size)

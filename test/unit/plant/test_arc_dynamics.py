@@ -24,7 +24,10 @@ BULB = RigidBody("sphere", (0.06, 0.06, 0.06), 0.046, np.array([0.0, 0.0, 0.085]
 TABLE = np.array([[0.115, 0.01, 0.01], [0.315, np.inf, np.inf]])
 
 
-def tier(step_s, body=None, planes=np.empty((0, 3)), config=CONFIG, gravity=9.81, bases=GRIPPER.finger_base_m):
+NO_PLANES = np.empty((0, 3))
+
+
+def tier(step_s, body=None, planes=NO_PLANES, config=CONFIG, gravity=9.81, bases=GRIPPER.finger_base_m):
     return build_tier("arc", TierSetup(GEOMETRY, bases, gravity, step_s, body, planes, config))
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from mbpam_ros.plant.contact import deepest_station, force_law, force_slope
+from mbpam_ros.plant.contact import deepest_near, force_law, force_slope, may_touch, sample_distances
 from mbpam_ros.plant.contact_config import ContactConfig
-from mbpam_ros.plant.finger import station
+from mbpam_ros.plant.finger import STATIONS, station
 from mbpam_ros.plant.shapes import CYLINDER, SPHERE, signed_distance
 
 MUSCLE = np.array([0.015, 0.100, 0.010])
@@ -15,8 +15,16 @@ NORMAL = np.array([0.6, 0.0, 0.8])
 STEP_S = 1e-3
 
 
-def touch(bend, shape, half, centre, rotation=np.eye(3)):
-    return deepest_station(*bend, MUSCLE, BASE, shape, half, centre, rotation, np.empty(7))
+LEVEL = np.eye(3)
+
+
+def touches(bend, shape, half, centre, rotation=LEVEL):
+    """All points where the muscle touches: rows (depth, arc length), deepest first."""
+    distances, found = np.empty(STATIONS), np.empty(7)
+    spacing = sample_distances(*bend, MUSCLE, BASE, shape, half, centre, rotation, found, distances)
+    near = [k for k in range(STATIONS) if may_touch(distances, k, MUSCLE[2], spacing)]
+    points = [deepest_near(*bend, MUSCLE, BASE, shape, half, centre, rotation, k, spacing, found) for k in near]
+    return sorted((point for point in points if point[0] > 0.0), reverse=True)
 
 
 def force_at(velocity, depth=2e-4, grip=-1.0):
@@ -24,10 +32,10 @@ def force_at(velocity, depth=2e-4, grip=-1.0):
     return force_law(CONFIG.law(), depth, STEP_S, NORMAL, np.array(velocity, dtype=float), grip, force), force
 
 
-@pytest.mark.parametrize("inward", [0.2, 0.5, 1.0, 1.6])
+@pytest.mark.parametrize("inward", [0.35, 0.5, 1.0, 1.6])
 def test_deepest_point_is_that_of_a_fine_search(inward):
     bend, half, centre = (-inward, -0.8 * inward), np.full(3, 0.03), np.array([0.001, 0.002, 0.085])
-    depth, s = touch(bend, SPHERE, half, centre)
+    ((depth, s),) = touches(bend, SPHERE, half, centre)
     fine = np.linspace(0.0, 0.120, 24001)
     distance = [signed_distance(SPHERE, half, *(BASE + station(*bend, MUSCLE, t)[:3] - centre))[0] for t in fine]
     assert depth == pytest.approx(0.010 - min(distance), abs=1e-9)
@@ -37,13 +45,15 @@ def test_deepest_point_is_that_of_a_fine_search(inward):
 def test_deepest_point_moves_smoothly_with_the_bend():
     along_y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
     half, centre = np.array([0.0175, 0.0175, 0.09]), np.array([0.0, 0.0, 0.07])
-    points = np.array([touch((-angle, 0.0), CYLINDER, half, centre, along_y) for angle in np.linspace(0.5, 0.7, 401)])
+    points = np.array(
+        [touches((-angle, 0.0), CYLINDER, half, centre, along_y)[0] for angle in np.linspace(0.5, 0.7, 401)]
+    )
     assert np.all(points[:, 0] > 0.0)
     assert np.abs(np.diff(points[:, 1])).max() < 2e-4  # 0.5 mrad a sample
 
 
 def test_a_muscle_far_away_does_not_touch():
-    assert touch((0.5, 0.5), SPHERE, np.full(3, 0.03), np.array([0.0, 0.0, 0.085]))[0] < 0.0
+    assert not touches((0.5, 0.5), SPHERE, np.full(3, 0.03), np.array([0.0, 0.0, 0.085]))
 
 
 def test_force_never_pulls():

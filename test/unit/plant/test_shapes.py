@@ -10,7 +10,10 @@ SIZES = {"sphere": (0.06, 0.06, 0.06), "cylinder": (0.02, 0.02, 0.25), "box": (0
 LYING = np.array([-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # body z along world y
 
 
-def lowest(shape, size, centre, rotation=np.eye(3), foot=(np.inf, np.inf)):
+LEVEL = np.eye(3)
+
+
+def lowest(shape, size, centre, rotation=LEVEL, foot=(np.inf, np.inf)):
     points = np.empty((REST_POINTS, 3))
     count = rest_points(shape, 0.5 * np.array(size), np.array(centre, dtype=float), np.array(rotation), *foot, points)
     return points[:count]

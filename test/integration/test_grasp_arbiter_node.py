@@ -1,0 +1,387 @@
+"""The grasp arbiter's promises on its topics and services."""
+
+import math
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker, MarkerArray
+
+from mbpam_ros.actuator.chambers import CHANNEL_NAMES
+from mbpam_ros.nodes.grasp_arbiter import GraspArbiterNode
+from mbpam_ros.nodes.messages import joint_state, time_stamp
+from mbpam_ros.nodes.runtime import LATCHED
+
+TICK_S = 0.02
+GRIP_PA = 100e3
+CHAMBERS_UNDER_PRESSURE = {
+    "envelope": [(1,), (2,), (3,), (4,)],
+    "short_rod": [(1, 4), (2,), (2, 3), (4,)],
+    "slender_rod": [(4,), (2,), (2,), (4,)],
+    "mid_rod": [(1, 4), (2, 3), (2, 3), (1, 4)],
+}
+"""Of fingers 1 to 4: those opposite to where the mode bends each finger."""
+
+
+def grip(mode):
+    values = np.zeros((4, 4))
+    for finger, chambers in enumerate(CHAMBERS_UNDER_PRESSURE[mode]):
+        values[finger, [chamber - 1 for chamber in chambers]] = GRIP_PA
+    return values.ravel()
+
+
+def marker(**changes):
+    """A bulb of 60 mm as the camera sees it, with changes."""
+    message = Marker(ns="sphere", type=Marker.SPHERE, action=Marker.ADD, text="bulb")
+    message.header.frame_id = "gripper_base"
+    message.pose.position.z = 0.085
+    message.pose.orientation.w = 1.0
+    message.scale.x = message.scale.y = message.scale.z = 0.060
+    message.color.a = 0.9
+    for path, value in changes.items():
+        *parents, name = path.split("__")
+        target = message
+        for parent in parents:
+            target = getattr(target, parent)
+        setattr(target, name, value)
+    return message
+
+
+class Grasp:
+    """The node in simulated time, with pressures and detections in the test's hands."""
+
+    def __init__(self, graph, **parameters):
+        self.graph = graph
+        self.node = graph.add(GraspArbiterNode, use_sim_time=True, **parameters)
+        self.setpoints = graph.listen(JointState, "pressure_setpoints")
+        self.states = graph.listen(DiagnosticStatus, "grasp_state", LATCHED)
+        self.pressures = graph.publisher(JointState, "chamber_states")
+        self.detections = graph.publisher(MarkerArray, "detections")
+        self.diagnostics = graph.publisher(DiagnosticArray, "/diagnostics")
+        self.time_s = 1.0
+        self.measured_pa = np.zeros(16)
+        self.follows = True
+        graph.set_time(self.time_s)
+
+    def tick(self):
+        """Let one tick pass in which the pressures reach their set-points, unless the test holds them."""
+        self.time_s += TICK_S
+        if self.follows and self.setpoints:
+            self.measured_pa = np.array(self.setpoints[-1].effort)
+        self.pressures.publish(joint_state(time_stamp(self.time_s), CHANNEL_NAMES, effort=self.measured_pa))
+        self.graph.set_time(self.time_s)
+
+    def tick_until(self, predicate, what, limit_s=10.0):
+        end_s = self.time_s + limit_s
+        while not predicate():
+            assert self.time_s < end_s, f"{what}: not within {limit_s:g} simulated seconds; {self.state}"
+            self.tick()
+
+    def call(self, name):
+        return self.graph.call(Trigger, f"grasp/{name}")
+
+    def hold(self, mode="envelope"):
+        """Close in a mode and wait until it holds."""
+        self.tick_until(lambda: self.call(mode).success, "a grasp accepted")
+        self.tick_until(lambda: self.phase == "holding", "holding")
+
+    def see(self, *markers):
+        """Have the node take a detection: a refusal of the camera's grasp then names no missing detection."""
+        self.detections.publish(MarkerArray(markers=markers))
+
+    def refuse(self, publisher, message):
+        """Send something the node must refuse."""
+        refused = self.node.refused_inputs
+        publisher.publish(message)
+        self.graph.spin_until(lambda: self.node.refused_inputs > refused, "the refusal")
+
+    def report(self, name, level, message, **values):
+        pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+        status = DiagnosticStatus(name=name, level=level, message=message, values=pairs)
+        self.diagnostics.publish(DiagnosticArray(status=[status]))
+
+    @property
+    def state(self):
+        return {item.key: item.value for item in self.states[-1].values} if self.states else {}
+
+    @property
+    def phase(self):
+        return self.state.get("phase")
+
+    @property
+    def setpoint_pa(self):
+        return np.array(self.setpoints[-1].effort)
+
+
+@pytest.fixture
+def grasp(graph):
+    ready = Grasp(graph)
+    ready.tick_until(lambda: ready.phase == "idle", "the first state")
+    return ready
+
+
+@pytest.mark.parametrize("mode", CHAMBERS_UNDER_PRESSURE)
+def test_each_mode_fills_the_chambers_opposite_to_its_bends(grasp, mode):
+    answer = grasp.call(mode)
+    assert answer.success and mode in answer.message
+    grasp.graph.spin_until(lambda: grasp.phase == "closing", "closing")
+    grasp.graph.spin_until(lambda: grasp.setpoint_pa.any(), "set-points")
+    np.testing.assert_array_equal(grasp.setpoint_pa, grip(mode))
+    assert tuple(grasp.setpoints[-1].name) == CHANNEL_NAMES
+    assert not grasp.setpoints[-1].position and not grasp.setpoints[-1].velocity
+    assert (grasp.state["mode"], grasp.state["source"]) == (mode, "operator")
+    grasp.tick_until(lambda: grasp.phase == "holding", "holding")
+    assert grasp.states[-1].level == DiagnosticStatus.OK
+
+
+def test_the_camera_s_grasp_takes_mode_and_wrist_pose_from_the_object(grasp):
+    poses = grasp.graph.listen(PoseStamped, "grasp_pose", LATCHED)
+    grasp.see(marker(pose__position__x=0.01))
+    answer = grasp.call("auto")
+    assert answer.success, answer.message
+    grasp.graph.spin_until(lambda: grasp.phase == "closing" and poses, "closing and a wrist pose")
+    assert (grasp.state["mode"], grasp.state["source"], grasp.state["object"]) == ("envelope", "camera", "bulb")
+    assert poses[-1].header.frame_id == "gripper_base"
+    assert math.isclose(poses[-1].pose.position.x, 0.01, abs_tol=1e-6)
+    np.testing.assert_array_equal(grasp.setpoint_pa, grip("envelope"))
+
+
+def test_a_late_subscriber_sees_the_state_and_the_wrist_pose(grasp):
+    grasp.see(marker())
+    assert grasp.call("auto").success
+    grasp.tick_until(lambda: grasp.phase == "holding", "holding")
+    states = grasp.graph.listen(DiagnosticStatus, "grasp_state", LATCHED)
+    poses = grasp.graph.listen(PoseStamped, "grasp_pose", LATCHED)
+    grasp.graph.spin_until(lambda: states and poses, "the latched messages")
+    assert {item.key: item.value for item in states[0].values}["phase"] == "holding"
+
+
+def test_before_any_pressure_a_grasp_is_refused_for_want_of_readings(graph):
+    grasp = Grasp(graph)
+    refusal = grasp.call("envelope")
+    assert not refusal.success
+    assert "no valid pressure reading" in refusal.message
+    assert not any(np.array(message.effort).any() for message in grasp.setpoints)
+
+
+def test_the_camera_s_grasp_is_refused_without_a_detection(grasp):
+    refusal = grasp.call("auto")
+    assert not refusal.success
+    assert "no detection" in refusal.message
+
+
+def test_the_camera_s_grasp_is_refused_when_the_detection_is_old(grasp):
+    grasp.see(marker())
+    end_s = grasp.time_s + 1.1
+    grasp.tick_until(lambda: grasp.time_s > end_s, "1.1 s")
+    refusal = grasp.call("auto")
+    assert not refusal.success
+    assert " s old" in refusal.message
+
+
+def test_the_camera_s_grasp_is_refused_when_nothing_is_in_view(grasp):
+    grasp.see(marker(action=Marker.DELETEALL))
+    refusal = grasp.call("auto")
+    assert not refusal.success
+    assert refusal.message and "no detection yet" not in refusal.message
+    grasp.graph.spin_until(lambda: grasp.phase == "idle", "the state")
+
+
+@pytest.mark.parametrize(
+    "changes, reason",
+    [
+        ({"color__a": 0.3}, "confiden"),
+        ({"pose__position__x": 0.08}, "mm"),
+        ({"pose__position__z": 0.30}, "mm"),
+        ({"scale__x": 0.01, "scale__y": 0.01, "scale__z": 0.01}, "mm"),
+    ],
+    ids=["unsure", "beside the palm", "too deep", "too thin"],
+)
+def test_the_camera_s_grasp_of_an_object_out_of_reach_is_refused_with_the_reason(grasp, changes, reason):
+    grasp.see(marker(**changes))
+    refusal = grasp.call("auto")
+    assert not refusal.success
+    assert reason in refusal.message
+
+
+@pytest.mark.parametrize("second", ["short_rod", "auto"])
+def test_an_equal_or_lower_source_is_refused_while_an_object_is_held(grasp, second):
+    grasp.hold("envelope")
+    grasp.see(marker())
+    refusal = grasp.call(second)
+    assert not refusal.success
+    assert "operator's envelope grasp (holding)" in refusal.message and "grasp/release" in refusal.message
+    np.testing.assert_array_equal(grasp.setpoint_pa, grip("envelope"))
+    grasp.tick()
+    assert grasp.phase == "holding"
+
+
+def test_the_operator_preempts_the_camera(grasp):
+    grasp.see(marker())
+    assert grasp.call("auto").success
+    grasp.tick_until(lambda: grasp.phase == "holding", "holding")
+    answer = grasp.call("mid_rod")
+    assert answer.success and "preempts" in answer.message
+    grasp.tick_until(lambda: grasp.phase == "holding" and grasp.state["mode"] == "mid_rod", "the operator's grasp")
+    np.testing.assert_array_equal(grasp.setpoint_pa, grip("mid_rod"))
+
+
+def test_release_opens_and_ends_idle(grasp):
+    grasp.hold()
+    grasp.follows = False
+    assert grasp.call("release").success
+    grasp.graph.spin_until(lambda: grasp.phase == "releasing", "releasing")
+    assert not grasp.setpoint_pa.any()
+    assert grasp.state["air"] == "regulate"
+    refusal = grasp.call("envelope")
+    assert not refusal.success and "releasing" in refusal.message
+    grasp.follows = True
+    grasp.tick_until(lambda: grasp.phase == "idle", "idle")
+    assert grasp.call("envelope").success
+
+
+@pytest.mark.parametrize("before", ["idle", "closing", "holding"])
+def test_stop_vents_from_every_phase_and_reset_waits_until_the_pressures_are_down(grasp, before):
+    if before == "holding":
+        grasp.hold()
+    elif before == "closing":
+        assert grasp.call("envelope").success
+        grasp.tick_until(lambda: grasp.measured_pa.any(), "pressure")
+    grasp.follows, grasp.measured_pa = False, grip("envelope")
+    grasp.tick()
+    assert grasp.call("stop").success
+    grasp.graph.spin_until(lambda: grasp.phase == "fault", "the fault")
+    assert (grasp.state["air"], grasp.state["source"]) == ("vent", "safety")
+    assert grasp.states[-1].level == DiagnosticStatus.ERROR
+    assert not grasp.setpoint_pa.any()
+    for name, reason in (("envelope", "fault latched"), ("auto", "fault latched"), ("reset", "pressure is still up")):
+        refusal = grasp.call(name)
+        assert not refusal.success
+        assert reason in refusal.message
+    grasp.follows = True
+    grasp.tick_until(lambda: grasp.call("reset").success, "reset accepted")
+    grasp.tick_until(lambda: grasp.phase == "idle", "idle")
+    assert grasp.state["air"] == "regulate"
+    assert grasp.call("envelope").success
+
+
+def test_reset_without_a_fault_says_what_the_gripper_does(grasp):
+    assert "no fault" in grasp.call("reset").message
+    grasp.hold()
+    refusal = grasp.call("reset")
+    assert not refusal.success
+    assert "holding" in refusal.message and "grasp/release" in refusal.message
+
+
+@pytest.mark.parametrize("loss", ["NaN", "silence"])
+def test_pressures_lost_while_holding_keep_the_object_until_release(grasp, loss):
+    grasp.hold()
+    if loss == "NaN":
+        grasp.follows, grasp.measured_pa = False, np.full(16, math.nan)
+        grasp.tick_until(lambda: grasp.phase == "fault", "the fault", limit_s=0.5)
+    else:
+        grasp.graph.set_time(grasp.time_s + 0.35)
+        grasp.graph.spin_until(lambda: grasp.phase == "fault", "the fault")
+    assert grasp.state["air"] == "hold"
+    np.testing.assert_array_equal(grasp.setpoint_pa, grip("envelope"))
+    refusal = grasp.call("reset")
+    assert not refusal.success and "grasp/release" in refusal.message
+    assert grasp.call("release").success
+    grasp.graph.spin_until(lambda: grasp.state["air"] == "vent", "the vent")
+    assert not grasp.setpoint_pa.any()
+
+
+def test_over_pressure_while_holding_vents(grasp):
+    grasp.hold()
+    grasp.follows, grasp.measured_pa = False, np.full(16, 115e3)
+    grasp.tick_until(lambda: grasp.phase == "fault", "the fault")
+    assert grasp.state["air"] == "vent"
+    assert "above the limit" in grasp.state["reason"]
+
+
+@pytest.mark.parametrize("node", ["pressure_sensor", "valve_controller"])
+def test_a_fault_of_sensor_or_valves_prevents_a_grasp_and_its_end_allows_one(grasp, node):
+    grasp.report(f"/{node}", DiagnosticStatus.ERROR, "something broke")
+    refusal = grasp.call("envelope")
+    assert not refusal.success
+    assert node in refusal.message and "something broke" in refusal.message
+    grasp.report(f"/{node}", DiagnosticStatus.OK, "well")
+    assert grasp.call("envelope").success
+
+
+def test_a_grasp_is_refused_while_the_air_is_off(grasp):
+    grasp.report("/valve_controller", DiagnosticStatus.WARN, "air is off", enabled="false")
+    refusal = grasp.call("envelope")
+    assert not refusal.success
+    assert "air is off" in refusal.message
+
+
+def test_the_fault_of_another_gripper_s_node_is_none_of_ours(grasp):
+    grasp.report("/left/valve_controller", DiagnosticStatus.ERROR, "something broke")
+    assert grasp.call("envelope").success
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"pose__position__x": math.nan},
+        {"pose__position__z": math.inf},
+        {"pose__orientation__w": 0.0},
+        {"pose__orientation__x": math.nan},
+        {"scale__x": math.nan},
+        {"scale__x": -0.06, "scale__y": -0.06, "scale__z": -0.06},
+        {"scale__z": 0.0},
+        {"header__frame_id": "camera_optical"},
+        {"header__frame_id": ""},
+        {"type": Marker.MESH_RESOURCE},
+        {"color__a": -0.1},
+        {"color__a": math.nan},
+    ],
+    ids=str,
+)
+def test_wrong_detections_are_refused_and_the_next_right_one_is_used(grasp, changes):
+    grasp.refuse(grasp.detections, MarkerArray(markers=[marker(), marker(**changes)]))
+    refusal = grasp.call("auto")
+    assert not refusal.success and "no detection yet" in refusal.message
+    grasp.see(marker())
+    assert grasp.call("auto").success
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        joint_state(time_stamp(1.0), CHANNEL_NAMES, effort=np.zeros(15)),
+        joint_state(time_stamp(1.0), CHANNEL_NAMES[:15], effort=np.zeros(15)),
+        joint_state(time_stamp(1.0), (*CHANNEL_NAMES[:15], "finger_4_chamber_5"), effort=np.zeros(16)),
+        joint_state(time_stamp(1.0), (*CHANNEL_NAMES[:15], CHANNEL_NAMES[0]), effort=np.zeros(16)),
+        JointState(),
+    ],
+    ids=["a value missing", "a channel missing", "an unknown name", "a name twice", "empty"],
+)
+def test_wrong_chamber_states_are_refused_and_count_as_no_reading(graph, message):
+    grasp = Grasp(graph)
+    grasp.refuse(grasp.pressures, message)
+    refusal = grasp.call("envelope")
+    assert not refusal.success and "no valid pressure reading" in refusal.message
+    grasp.tick_until(lambda: grasp.call("envelope").success, "a grasp accepted")
+
+
+def test_set_points_are_repeated_for_a_valve_controller_started_anew(grasp):
+    grasp.hold()
+    seen = len(grasp.setpoints)
+    grasp.tick_until(lambda: len(grasp.setpoints) > seen + 1, "two repeats", limit_s=1.5)
+    np.testing.assert_array_equal(grasp.setpoint_pa, grip("envelope"))
+
+
+def test_a_simulated_clock_set_back_neither_faults_nor_drops(grasp):
+    grasp.hold()
+    grasp.time_s = 0.1
+    seen = len(grasp.setpoints)
+    grasp.tick_until(lambda: len(grasp.setpoints) > seen + 1, "two repeats of the set-points")
+    assert grasp.phase == "holding"
+    np.testing.assert_array_equal(grasp.setpoint_pa, grip("envelope"))
+    assert grasp.call("release").success
+    grasp.tick_until(lambda: grasp.phase == "idle", "idle")

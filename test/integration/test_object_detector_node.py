@@ -1,0 +1,296 @@
+"""The object detector's promises on its topics, on rendered images of the paper's five objects."""
+
+import array
+import functools
+import math
+
+import cv2
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from visualization_msgs.msg import Marker, MarkerArray
+
+from mbpam_ros.gripper import load_gripper
+from mbpam_ros.nodes.messages import time_stamp
+from mbpam_ros.nodes.object_detector import ObjectDetectorNode
+from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.vision.camera import camera_intrinsics, load_camera_config
+from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
+
+SCENES = ("tomato", "bulb", "banana", "tube", "carton")
+MARKER_TYPES = {"sphere": Marker.SPHERE, "cylinder": Marker.CYLINDER, "box": Marker.CUBE}
+WITHIN_M = 0.005
+CAMERA = load_camera_config()
+INTRINSICS = camera_intrinsics(CAMERA)
+
+
+@functools.cache
+def photograph(scene_name, offset_m=(0.0, 0.0)):
+    """An rgb8 image of a scene with the fingers hanging, its object moved sideways by ``offset_m``."""
+    scene = load_scene(scene_name)
+    support = scene.config.support
+    base = load_gripper().finger_base_m
+    solids = ()
+    if scene.object is not None:
+        spec, position = scene.object, np.array(scene.config.object_position_m) + (*offset_m, 0.0)
+        solids = (
+            ColouredSolid(spec.shape, spec.size_m, position, scene.object_orientation_xyzw, spec.colour_rgb),
+        )
+    stand = {}
+    if support is not None:
+        stand = {
+            "support_half_size_m": support.half_size_m,
+            "floor_depth_m": support.depth_m + support.stand_height_m,
+        }
+    view = SceneView(
+        support_depth_m=support.depth_m if support else 0.115,
+        solids=solids,
+        finger_centrelines_m=np.stack([base, base + (0.0, 0.0, load_gripper().geometry.length_m)], axis=1),
+        **stand,
+    )
+    return Renderer.from_config(CAMERA).render(view, np.random.default_rng(0))
+
+
+def image(pixels, encoding="rgb8", padding=0):
+    """``pixels`` as a message, each row followed by ``padding`` bytes that mean nothing."""
+    rows = np.ascontiguousarray(pixels).reshape(len(pixels), -1)
+    rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=170)
+    message = Image(height=rows.shape[0], width=pixels.shape[1], encoding=encoding, step=rows.shape[1])
+    message.header.frame_id = "camera_optical"
+    message.data = array.array("B", rows.tobytes())
+    return message
+
+
+def camera_info(**changes):
+    message = CameraInfo(width=INTRINSICS.width_px, height=INTRINSICS.height_px, distortion_model="plumb_bob")
+    message.d, message.k = [0.0] * 5, INTRINSICS.matrix.ravel()
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+class Camera:
+    """The node and a camera in the test's hands; simulated time, a quarter of a second between two images."""
+
+    def __init__(self, graph, informed=True, **parameters):
+        self.graph = graph
+        self.node = graph.add(ObjectDetectorNode, use_sim_time=True, **parameters)
+        self.detections = graph.listen(MarkerArray, "detections")
+        self.overlays = graph.listen(CompressedImage, "detections/image")
+        self.reports = graph.listen(DiagnosticArray, "/diagnostics")
+        self.infos = graph.publisher(CameraInfo, "camera/camera_info")
+        self.images = graph.publisher(Image, "camera/image_raw")
+        self.time_s = 1.0
+        if informed:
+            self.inform(camera_info())
+
+    def inform(self, message):
+        """Publish the camera's data and have the node take them."""
+        self.infos.publish(message)
+        self.node.publish_health()
+        seen = len(self.reports)
+        self.graph.spin_until(lambda: len(self.reports) > seen, "a report after the camera_info")
+
+    def send(self, message):
+        self.time_s += 0.25
+        self.graph.set_time(self.time_s)
+        message.header.stamp = time_stamp(self.time_s)
+        self.images.publish(message)
+
+    def show(self, message):
+        """Publish an image and return the markers of what was seen in it."""
+        seen = len(self.detections)
+        self.send(message)
+        self.graph.spin_until(lambda: len(self.detections) > seen, "detections")
+        clearing, *found = self.detections[-1].markers
+        assert clearing.action == Marker.DELETEALL
+        return found
+
+    def refuse(self, publisher_or_send, message):
+        """Send something the node must refuse."""
+        refused, seen = self.node.refused_inputs, len(self.detections)
+        publisher_or_send(message)
+        self.graph.spin_until(lambda: self.node.refused_inputs > refused, "the refusal")
+        assert len(self.detections) == seen
+
+
+@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "mono8"])
+@pytest.mark.parametrize("scene_name", SCENES)
+def test_each_object_of_the_paper_is_seen_with_its_shape_size_and_place(graph, scene_name, encoding):
+    scene = load_scene(scene_name)
+    camera = Camera(graph, support_depth_m=scene.config.support.depth_m)
+    pixels = photograph(scene_name)
+    if encoding != "rgb8":
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR if encoding == "bgr8" else cv2.COLOR_RGB2GRAY)
+    (found,) = camera.show(image(pixels, encoding))
+    assert found.type == MARKER_TYPES[scene.object.shape]
+    assert found.ns == scene.object.shape
+    assert found.header.frame_id == "gripper_base"
+    assert found.header.stamp == time_stamp(camera.time_s)
+    assert found.text
+    assert 0.5 < found.color.a <= 1.0
+    size = (found.scale.x, found.scale.y, found.scale.z)
+    np.testing.assert_allclose(size, scene.object.size_m, atol=WITHIN_M)
+    place = (found.pose.position.x, found.pose.position.y, found.pose.position.z)
+    np.testing.assert_allclose(place, scene.config.object_position_m, atol=WITHIN_M)
+
+
+def test_a_rod_along_gripper_y_has_its_axis_there(graph):
+    scene = load_scene("banana")
+    camera = Camera(graph, support_depth_m=scene.config.support.depth_m)
+    (found,) = camera.show(image(photograph("banana")))
+    q = found.pose.orientation
+    body_z = (2.0 * (q.x * q.z + q.y * q.w), 2.0 * (q.y * q.z - q.x * q.w), 1.0 - 2.0 * (q.x**2 + q.y**2))
+    assert abs(body_z[1]) > math.cos(math.radians(3.0))
+
+
+def test_an_empty_table_clears_what_was_drawn(graph):
+    camera = Camera(graph)
+    assert camera.show(image(photograph("bulb")))
+    assert camera.show(image(photograph("empty"))) == []
+
+
+def test_the_overlay_is_a_jpeg_of_the_image_s_size_and_stamp(graph):
+    camera = Camera(graph)
+    pixels = photograph("bulb")
+    camera.show(image(pixels))
+    graph.spin_until(lambda: camera.overlays, "an overlay")
+    overlay = camera.overlays[-1]
+    assert overlay.format == "jpeg"
+    assert overlay.header.stamp == time_stamp(camera.time_s)
+    assert overlay.header.frame_id == "camera_optical"
+    drawn = cv2.imdecode(np.frombuffer(overlay.data, np.uint8), cv2.IMREAD_COLOR)
+    assert drawn.shape == pixels.shape
+    # What is drawn over the bulb is green; the picture beside it is the camera's.
+    changed = np.abs(drawn[..., ::-1].astype(int) - pixels).max(axis=2) > 60
+    assert changed.sum() > 200
+    assert changed[:40].sum() < 20
+
+
+def test_an_object_beside_the_axis_is_found_there(graph):
+    camera = Camera(graph)
+    (found,) = camera.show(image(photograph("bulb", offset_m=(0.012, -0.008))))
+    expected = np.array(load_scene("bulb").config.object_position_m) + (0.012, -0.008, 0.0)
+    place = (found.pose.position.x, found.pose.position.y, found.pose.position.z)
+    np.testing.assert_allclose(place, expected, atol=WITHIN_M)
+
+
+def test_rows_may_be_padded(graph):
+    camera = Camera(graph)
+    (found,) = camera.show(image(photograph("bulb"), padding=12))
+    assert math.isclose(found.scale.x, 0.060, abs_tol=WITHIN_M)
+
+
+def test_images_that_come_too_fast_are_passed_over(graph):
+    camera = Camera(graph, max_rate_hz=1.0)
+    for _ in range(8):  # two seconds
+        camera.send(image(photograph("empty")))
+    camera.show(image(photograph("empty")))
+    seen_at = [markers.markers[0].header.stamp for markers in camera.detections]
+    assert seen_at == [time_stamp(time_s) for time_s in (1.25, 2.25, 3.25)]
+    camera.node.set_parameters([Parameter("max_rate_hz", value=4.0)])
+    camera.show(image(photograph("empty")))
+
+
+def test_an_image_without_camera_info_is_refused_and_the_first_with_it_is_used(graph):
+    camera = Camera(graph, informed=False)
+    camera.refuse(camera.send, image(photograph("bulb")))
+    camera.node.publish_health()
+    graph.spin_until(lambda: camera.reports, "a report")
+    assert camera.reports[-1].status[0].level == DiagnosticStatus.WARN
+    assert "camera_info" in camera.reports[-1].status[0].message
+    camera.inform(camera_info())
+    assert camera.show(image(photograph("bulb")))
+
+
+def renamed(encoding):
+    return image(photograph("bulb"), encoding)
+
+
+def with_field(name, value):
+    message = image(photograph("bulb"))
+    setattr(message, name, value)
+    return message
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        renamed("rgba8"),
+        renamed(""),
+        image(photograph("bulb")[..., 0], "rgb8"),
+        image(photograph("bulb")[::2]),
+        image(photograph("bulb")[:, ::2]),
+        image(photograph("bulb").repeat(2, axis=0).repeat(2, axis=1)),
+        with_field("height", INTRINSICS.height_px - 1),
+        with_field("step", 100),
+        with_field("data", array.array("B", bytes(1000))),
+        Image(encoding="rgb8"),
+        Image(encoding="mono8", height=480),
+    ],
+    ids=[
+        "four channels",
+        "no encoding",
+        "rgb8 with one byte a pixel",
+        "half as high",
+        "half as wide",
+        "twice the size",
+        "a row too many",
+        "a step shorter than a row",
+        "too few bytes",
+        "empty",
+        "rows without columns",
+    ],
+)
+def test_a_wrong_image_is_refused_and_the_next_right_one_is_used(graph, message):
+    camera = Camera(graph)
+    camera.refuse(camera.send, message)
+    assert camera.show(image(photograph("bulb")))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"k": np.zeros(9)},
+        {"k": np.full(9, math.nan)},
+        {"k": -INTRINSICS.matrix.ravel()},
+        {"width": 0},
+    ],
+    ids=["uncalibrated", "NaN", "negative focal lengths", "no width"],
+)
+def test_a_wrong_camera_info_is_refused_and_the_last_right_one_stands(graph, changes):
+    camera = Camera(graph)
+    camera.refuse(camera.infos.publish, camera_info(**changes))
+    (found,) = camera.show(image(photograph("bulb")))
+    assert math.isclose(found.scale.x, 0.060, abs_tol=WITHIN_M)
+
+
+@pytest.mark.parametrize("coefficients", [[0.1, 0.2], [math.nan] * 5, [0.0] * 12])
+def test_a_lens_the_detector_cannot_undo_is_refused(graph, coefficients):
+    camera = Camera(graph, informed=False)
+    camera.inform(camera_info(d=coefficients))
+    camera.refuse(camera.send, image(photograph("bulb")))
+    camera.inform(camera_info())
+    assert camera.show(image(photograph("bulb")))
+
+
+def test_the_depth_of_the_support_may_be_set_right_while_the_node_runs(graph):
+    camera = Camera(graph, support_depth_m=0.090)
+    wrong = camera.show(image(photograph("bulb")))
+    assert not any(abs(marker.scale.x - 0.060) < WITHIN_M for marker in wrong)
+    camera.node.set_parameters([Parameter("support_depth_m", value=0.115)])
+    (found,) = camera.show(image(photograph("bulb")))
+    assert math.isclose(found.scale.x, 0.060, abs_tol=WITHIN_M)
+
+
+def test_the_health_report_warns_when_images_stop(graph):
+    camera = Camera(graph)
+    camera.show(image(photograph("bulb")))
+    camera.node.publish_health()
+    graph.spin_until(lambda: camera.reports[-1].status[0].message == "1 objects in view", "the sound report")
+    graph.set_time(camera.time_s + 2.5)
+    camera.node.publish_health()
+    graph.spin_until(lambda: camera.reports[-1].status[0].level == DiagnosticStatus.WARN, "the warning")
+    assert "camera/image_raw" in camera.reports[-1].status[0].message

@@ -1,0 +1,89 @@
+"""The layout's promises: imports run one way, ROS stays in nodes/, and what is public is typed and documented."""
+
+import ast
+import inspect
+from pathlib import Path
+
+import pytest
+
+import mbpam_ros
+
+PACKAGE = Path(mbpam_ros.__file__).parent
+MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
+
+ALLOWED = {
+    "configuration": set(),
+    "actuator": {"configuration"},
+    "pneumatics": {"configuration", "actuator"},
+    "gripper": {"configuration", "actuator"},
+    "plant": {"configuration", "actuator", "pneumatics", "gripper"},
+    "estimation": {"configuration", "actuator", "pneumatics", "gripper"},
+    "grasp": {"configuration", "actuator", "pneumatics", "gripper"},
+    "vision": {"configuration", "actuator", "pneumatics", "gripper"},
+    "study": {"configuration", "actuator", "pneumatics", "gripper", "plant", "estimation", "grasp", "vision"},
+    "nodes": {"configuration", "actuator", "pneumatics", "gripper", "plant", "estimation", "grasp", "vision", "study"},
+}
+"""Which parts of the package a part may import, besides itself."""
+
+ROS = ("rclpy", "_msgs", "_srvs", "_interfaces")
+
+
+def part_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imports_of(path: Path) -> set[str]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            names.add(node.module)
+    return names
+
+
+def public_functions(path: Path) -> list[tuple[ast.FunctionDef, bool]]:
+    """Public functions and methods, each with whether it may inherit its docstring."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    classes = [node for node in tree.body if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]
+    bodies = [(tree.body, False), *((node.body, bool(node.bases)) for node in classes)]
+    return [
+        (node, inherits)
+        for body, inherits in bodies
+        for node in body
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_")
+    ]
+
+
+def identity(path: Path) -> str:
+    return str(path.relative_to(PACKAGE))
+
+
+@pytest.mark.parametrize("path", [path for path in MODULES if part_of(path) != "__init__"], ids=identity)
+def test_imports_run_one_way(path):
+    parts = {name.split(".")[1] for name in imports_of(path) if name.startswith("mbpam_ros.")}
+    assert parts - {part_of(path)} <= ALLOWED[part_of(path)]
+
+
+@pytest.mark.parametrize("path", [path for path in MODULES if part_of(path) != "nodes"], ids=identity)
+def test_ros_stays_in_the_nodes(path):
+    assert not [name for name in imports_of(path) if name.split(".")[0].endswith(ROS)]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=identity)
+def test_what_is_public_is_typed_and_documented(path):
+    assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), "module docstring"
+    for function, may_inherit in public_functions(path):
+        where = f"{identity(path)}:{function.lineno} {function.name}"
+        assert may_inherit or ast.get_docstring(function), f"{where}: docstring"
+        arguments = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
+        untyped = [item.arg for item in arguments if item.annotation is None and item.arg not in ("self", "cls")]
+        assert not untyped, f"{where}: no type for {', '.join(untyped)}"
+        assert function.returns is not None, f"{where}: no return type"
+
+
+def test_the_public_module_list_is_read_from_the_package_under_test():
+    assert inspect.getfile(mbpam_ros) == str(PACKAGE / "__init__.py")
+    assert len(MODULES) > 30
