@@ -157,7 +157,8 @@ def _convert_tuple(arguments: tuple[Any, ...], value: Any, where: str) -> tuple[
         arguments = (arguments[0],) * len(value)
     if len(value) != len(arguments):
         raise ConfigError(f"{where}: expected {len(arguments)} values, found {len(value)}")
-    return tuple(_convert(item, part, f"{where}[{i}]") for i, (item, part) in enumerate(zip(arguments, value, strict=True)))
+    parts = enumerate(zip(arguments, value, strict=True))
+    return tuple(_convert(expected, part, f"{where}[{i}]") for i, (expected, part) in parts)
 
 
 def _convert_scalar(expected: type, value: Any, where: str) -> Any:
