@@ -11,6 +11,7 @@ boundary-value problem of the bent rod sliding on the plate with friction is not
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 from mbpam_ros.actuator.design import MuscleDesign, MuscleGeometry
@@ -18,12 +19,12 @@ from mbpam_ros.actuator.metamodel import load_metamodel
 from mbpam_ros.actuator.planar_rod import blocked_tip_force_per_moment, stiffness_for_tip_angle
 from mbpam_ros.actuator.rod_law import PatternFactors, RodLaw, finite_element_rod_law
 
-# Paper, sections 3.1 and 4.2: measured values, and the finite element ones of the initial design (Table 2, no. 1).
+# Paper, section 3.1: measured on the initial design, which is that of config/data/README.md.
 _MEASURED_PDC_DEG, _MEASURED_PDC_N = 151.0, 0.643
 _MEASURED_PSC_DEG, _MEASURED_PSC_N = 120.0, 0.466
-_FE_PDC_DEG, _FE_PDC_N = 148.423, 0.6036
+_MEASURED_DESIGN = MuscleDesign(a_mm=2.5, b_mm=2.0)
 
-_TARGET_RATIOS = {"fe": (1.0, 1.0), "test": (_MEASURED_PDC_DEG / _FE_PDC_DEG, _MEASURED_PDC_N / _FE_PDC_N)}
+TARGETS = ("fe", "test")
 
 
 @dataclass(frozen=True)
@@ -37,18 +38,24 @@ class PatternTarget:
 def calibration_targets(design: MuscleDesign, metamodel: str = "prs", target: str = "fe") -> dict[str, PatternTarget]:
     """Return the targets of ``pdc`` and ``psc`` for a design.
 
-    PDC comes from the metamodel (``target = "fe"``), times the paper's measured over finite element values at the
-    initial design for ``"test"``. PSC is PDC times the paper's measured ratios, 120/151 and 0.466/0.643: it has no
-    samples of its own.
+    PDC comes from the metamodel (``target = "fe"``); for ``"test"`` times the ratio of measured value to the
+    metamodel's at the initial design, which thereby returns the measured 151 deg and 0.643 N. PSC is PDC times the
+    paper's measured ratios, 120/151 and 0.466/0.643: it has no samples of its own.
 
     Raises:
         ValueError: unknown metamodel or target; the message lists the known ones.
     """
-    if target not in _TARGET_RATIOS:
-        raise ValueError(f"unknown target {target!r}; known: {', '.join(_TARGET_RATIOS)}")
-    performance = load_metamodel(metamodel).predict(design)
-    bend_ratio, force_ratio = _TARGET_RATIOS[target]
-    pdc = PatternTarget(bend_ratio * performance.theta_max_rad, force_ratio * performance.f_max_n)
+    if target not in TARGETS:
+        raise ValueError(f"unknown target {target!r}; known: {', '.join(TARGETS)}")
+    model = load_metamodel(metamodel)
+    performance = model.predict(design)
+    pdc = PatternTarget(performance.theta_max_rad, performance.f_max_n)
+    if target == "test":
+        initial = model.predict(_MEASURED_DESIGN)
+        pdc = PatternTarget(
+            pdc.theta_max_rad * math.radians(_MEASURED_PDC_DEG) / initial.theta_max_rad,
+            pdc.f_max_n * _MEASURED_PDC_N / initial.f_max_n,
+        )
     psc = PatternTarget(
         pdc.theta_max_rad * _MEASURED_PSC_DEG / _MEASURED_PDC_DEG, pdc.f_max_n * _MEASURED_PSC_N / _MEASURED_PDC_N
     )
