@@ -20,7 +20,7 @@ lint: $(VENV)/test.stamp
 	$(BIN)/ruff format --check .
 
 bench: $(VENV)/test.stamp
-	$(BIN)/python -m mbpam_ros.study.bench $(BENCH_ARGS)
+	$(BIN)/python -m mbpam_ros.nodes.bench $(BENCH_ARGS)
 
 $(VENV)/run.stamp: requirements.txt setup.py
 	@echo "setting up $(VENV) with pinned wheels (once, about a minute)"

@@ -46,6 +46,7 @@ class ObjectDetectorNode(GripperNode):
         self._distortion: NDArray[np.float64] | None = None
         self._seen_at_s: float | None = None
         self._found: list[Detection] = []
+        self._found_in: tuple[object, ...] | None = None
 
         self._detections = self.create_publisher(MarkerArray, "detections", STREAM)
         self._overlay = self.create_publisher(CompressedImage, "detections/image", STREAM)
@@ -77,9 +78,14 @@ class ObjectDetectorNode(GripperNode):
             if self._intrinsics is None:
                 raise ImageError("no valid camera_info yet")
             image = _pixels(message)
-            self._found = self._detector.detect(
-                image, message.encoding, self._intrinsics, self._distortion, self.value("support_depth_m")
-            )
+            depth_m = self.value("support_depth_m")
+            # A still scene of the simulated camera repeats its image byte for byte: what was found stands.
+            view = (message.encoding, image.shape, self._intrinsics, self._distortion.tobytes(), depth_m, message.data)
+            if view != self._found_in:
+                self._found = self._detector.detect(
+                    image, message.encoding, self._intrinsics, self._distortion, depth_m
+                )
+                self._found_in = view
         except (ImageError, CameraError) as error:
             self.refuse("image", error)
             return

@@ -19,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.actuator.kinematics import centreline
+from mbpam_ros.actuator.planar_rod import RodSolutionError
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.markers import WORLD_FRAME, colour, finger_markers, solid_marker
@@ -126,8 +127,12 @@ class PlantNode(GripperNode):
         pneumatics = load_pneumatics(self.value("pneumatics"))
         try:
             return build_plant(self._scene, self._gripper, pneumatics, seed=self.value("seed"))
+        except ConfigError:
+            raise
         except (TierError, PneumaticsInputError) as error:
             raise ConfigError(f"scene {self._scene.name}: {error}") from error
+        except (ValueError, RodSolutionError) as error:
+            raise ConfigError(f"{self.value('gripper')}: no rod law for this muscle: {error}") from error
 
     # Ticks
 

@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import BEND_NAMES, CHANNEL_COUNT, CHANNEL_NAMES, FINGER_NAMES
+from mbpam_ros.actuator.planar_rod import RodSolutionError
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.estimation.estimator import BendEstimator, EstimatorConfig, GripperEstimate
 from mbpam_ros.gripper import load_gripper
@@ -41,8 +42,9 @@ class StateEstimatorNode(GripperNode):
         config = load_config(EstimatorConfig, self.value("estimator"))
         try:
             self._estimator = BendEstimator.for_gripper(gripper, config)
-        except ValueError as error:
-            raise ConfigError(f"state_estimator: parameter metamodel: {error}") from error
+        except (ValueError, RodSolutionError) as error:
+            place = f"{self.value('gripper')}, metamodel {gripper.metamodel}"
+            raise ConfigError(f"{place}: no rod law for this muscle: {error}") from error
         self._estimate: GripperEstimate | None = None
 
         self._joints = self.create_publisher(JointState, "joint_states", STREAM)

@@ -10,6 +10,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
+from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.arbitration import Air
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, seconds, time_stamp
@@ -33,7 +34,10 @@ class ValveControllerNode(GripperNode):
         super().__init__("valve_controller", PARAMETERS, **node_options)
         limit_pa = load_gripper(self.value("gripper")).pressure_limit_gauge_pa
         config = load_pneumatics(self.value("pneumatics")).controller
-        self._controller = PressureController(config, limit_pa)
+        try:
+            self._controller = PressureController(config, limit_pa)
+        except ValueError as error:
+            raise ConfigError(f"{self.value('gripper')} against {self.value('pneumatics')}: {error}") from error
         self._hold_time_s = config.hold_time_s
         self._clock_of_pressures = StampClock()
         self._switched_on: bool = self.value("enable_at_start")

@@ -35,9 +35,7 @@ def photograph(scene_name, offset_m=(0.0, 0.0)):
     solids = ()
     if scene.object is not None:
         spec, position = scene.object, np.array(scene.config.object_position_m) + (*offset_m, 0.0)
-        solids = (
-            ColouredSolid(spec.shape, spec.size_m, position, scene.object_orientation_xyzw, spec.colour_rgb),
-        )
+        solids = (ColouredSolid(spec.shape, spec.size_m, position, scene.object_orientation_xyzw, spec.colour_rgb),)
     stand = {}
     if support is not None:
         stand = {

@@ -174,10 +174,10 @@ def test_channels_are_missing_before_any_sample_and_when_samples_cease():
     sensor = sensing()
     assert sensor.check(0.0).status == (MISSING,) * 16
     feed(sensor, noisy(10))
-    assert sensor.check(0.15).status == (OK,) * 16
-    late = sensor.check(0.2)
+    assert sensor.check(0.25).status == (OK,) * 16
+    late = sensor.check(0.3)
     assert late.status == (MISSING,) * 16 and np.isnan(late.pressure_gauge_pa).all()
-    assert sensor.update(0.21, noisy(1)[0]).status == (MISSING,) * 16  # recovery needs several
+    assert sensor.update(0.31, noisy(1)[0]).status == (MISSING,) * 16  # recovery needs several
 
 
 def test_zero_takes_the_vented_reading_per_channel():

@@ -1,0 +1,229 @@
+"""Names on the graph: the interface table, two grippers side by side, and remapping."""
+
+import math
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseArray, PoseStamped
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, CompressedImage, FluidPressure, Image, JointState
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from mbpam_ros.actuator.chambers import BEND_NAMES, CHANNEL_NAMES, FINGER_NAMES
+from mbpam_ros.nodes.grasp_arbiter import GraspArbiterNode
+from mbpam_ros.nodes.messages import joint_state, seconds, time_stamp
+from mbpam_ros.nodes.object_detector import ObjectDetectorNode
+from mbpam_ros.nodes.plant import PlantNode
+from mbpam_ros.nodes.pressure_sensor import PressureSensorNode
+from mbpam_ros.nodes.runtime import LATCHED
+from mbpam_ros.nodes.state_estimator import StateEstimatorNode
+from mbpam_ros.nodes.valve_controller import ValveControllerNode
+
+pytestmark = pytest.mark.usefixtures("compiled_plant")
+
+ALL = {"plant", "pressure_sensor", "valve_controller", "state_estimator", "object_detector", "grasp_arbiter"}
+TOPICS = [
+    # topic, type, published by, listened to by
+    ("transducers", "sensor_msgs/msg/JointState", {"plant"}, {"pressure_sensor"}),
+    (
+        "chamber_states",
+        "sensor_msgs/msg/JointState",
+        {"pressure_sensor"},
+        {"valve_controller", "state_estimator", "grasp_arbiter"},
+    ),
+    *(
+        (f"chamber_{finger}_{chamber}/pressure", "sensor_msgs/msg/FluidPressure", {"pressure_sensor"}, set())
+        for finger in range(1, 5)
+        for chamber in range(1, 5)
+    ),
+    ("pressure_setpoints", "sensor_msgs/msg/JointState", {"grasp_arbiter"}, {"valve_controller"}),
+    ("valve_commands", "sensor_msgs/msg/JointState", {"valve_controller"}, {"plant"}),
+    ("joint_states", "sensor_msgs/msg/JointState", {"state_estimator"}, set()),
+    ("finger_tips", "geometry_msgs/msg/PoseArray", {"state_estimator"}, set()),
+    ("finger_forces", "sensor_msgs/msg/JointState", {"state_estimator"}, set()),
+    ("finger_markers", "visualization_msgs/msg/MarkerArray", {"state_estimator"}, set()),
+    ("plant/finger_markers", "visualization_msgs/msg/MarkerArray", {"plant"}, set()),
+    ("camera/image_raw", "sensor_msgs/msg/Image", {"plant"}, {"object_detector"}),
+    ("camera/camera_info", "sensor_msgs/msg/CameraInfo", {"plant"}, {"object_detector"}),
+    ("detections", "visualization_msgs/msg/MarkerArray", {"object_detector"}, {"grasp_arbiter"}),
+    ("detections/image", "sensor_msgs/msg/CompressedImage", {"object_detector"}, set()),
+    ("grasp_state", "diagnostic_msgs/msg/DiagnosticStatus", {"grasp_arbiter"}, {"valve_controller"}),
+    ("grasp_pose", "geometry_msgs/msg/PoseStamped", {"grasp_arbiter"}, set()),
+]
+SERVICES = {
+    "grasp_arbiter": {
+        f"grasp/{name}": "std_srvs/srv/Trigger"
+        for name in ("envelope", "short_rod", "slender_rod", "mid_rod", "auto", "release", "stop", "reset")
+    },
+    "valve_controller": {"valve_controller/enable": "std_srvs/srv/SetBool"},
+    "pressure_sensor": {"pressure_sensor/zero": "std_srvs/srv/Trigger"},
+    "plant": {f"plant/{name}": "std_srvs/srv/Trigger" for name in ("reset", "lift", "lower")},
+    "state_estimator": {},
+    "object_detector": {},
+}
+LATCHED_TOPICS = {"grasp_state", "grasp_pose"}
+OF_ROS_ITSELF = {"/rosout", "/parameter_events", "/clock", "/diagnostics"}
+
+
+def add_gripper(graph, namespace="", remap=None, clock=True, **plant):
+    """All six nodes in a namespace, on simulated time in lock step unless told otherwise."""
+    own = {"publish_clock": True, "lock_step": True} if clock else {}
+    graph.add(PressureSensorNode, namespace, remap, use_sim_time=clock)
+    graph.add(ValveControllerNode, namespace, remap, use_sim_time=clock, enable_at_start=True)
+    graph.add(StateEstimatorNode, namespace, remap, use_sim_time=clock)
+    graph.add(ObjectDetectorNode, namespace, remap, use_sim_time=clock)
+    graph.add(GraspArbiterNode, namespace, remap, use_sim_time=clock)
+    return graph.add(PlantNode, namespace, remap, **own, **plant)
+
+
+@pytest.mark.parametrize("namespace", ["", "/left"])
+def test_topics_have_the_names_types_and_ends_of_the_interface_table(graph, namespace):
+    add_gripper(graph, namespace)
+    for topic, message_type, publishers, subscribers in TOPICS:
+        name = f"{namespace}/{topic}"
+        outgoing = graph.test_node.get_publishers_info_by_topic(name)
+        incoming = graph.test_node.get_subscriptions_info_by_topic(name)
+        assert {end.node_name for end in outgoing} == publishers, name
+        assert {end.node_name for end in incoming} == subscribers, name
+        assert {end.topic_type for end in [*outgoing, *incoming]} == {message_type}, name
+        assert {end.qos_profile.reliability for end in outgoing} == {ReliabilityPolicy.RELIABLE}, name
+        latched = {end.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL for end in outgoing}
+        assert latched == {topic in LATCHED_TOPICS}, name
+    present = {name for name, _ in graph.test_node.get_topic_names_and_types()}
+    assert present - OF_ROS_ITSELF == {f"{namespace}/{topic}" for topic, *_ in TOPICS}
+    clocks = graph.test_node.get_publishers_info_by_topic("/clock")
+    assert [(end.node_name, end.topic_type) for end in clocks] == [("plant", "rosgraph_msgs/msg/Clock")]
+    reporters = graph.test_node.get_publishers_info_by_topic("/diagnostics")
+    assert {end.node_name for end in reporters} == ALL
+    assert {end.topic_type for end in reporters} == {"diagnostic_msgs/msg/DiagnosticArray"}
+
+
+@pytest.mark.parametrize("namespace", ["", "/left"])
+def test_services_have_the_names_and_types_of_the_interface_table(graph, namespace):
+    add_gripper(graph, namespace)
+    of_rclpy = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
+    for node, services in SERVICES.items():
+        offered = graph.test_node.get_service_names_and_types_by_node(node, namespace or "/")
+        ours = {name: types[0] for name, types in offered if not types[0].startswith(of_rclpy)}
+        assert ours == {f"{namespace}/{name}": service_type for name, service_type in services.items()}, node
+
+
+def test_without_publish_clock_nobody_publishes_a_clock(graph):
+    add_gripper(graph, clock=False, camera_rate_hz=0.0)
+    assert graph.test_node.count_publishers("/clock") == 0
+
+
+def test_a_running_gripper_fills_every_topic_as_the_interface_table_says(graph):
+    joint_states = {
+        # topic: names, and the fields that are filled
+        "transducers": (CHANNEL_NAMES, {"effort"}),
+        "chamber_states": (CHANNEL_NAMES, {"effort"}),
+        "pressure_setpoints": (CHANNEL_NAMES, {"effort"}),
+        "valve_commands": (CHANNEL_NAMES, {"position"}),
+        "joint_states": (BEND_NAMES, {"position", "velocity", "effort"}),
+        "finger_forces": (FINGER_NAMES, {"position", "effort"}),
+    }
+    received = {topic: graph.listen(JointState, topic) for topic in joint_states}
+    others = {
+        "chamber_3_2/pressure": graph.listen(FluidPressure, "chamber_3_2/pressure"),
+        "finger_tips": graph.listen(PoseArray, "finger_tips"),
+        "finger_markers": graph.listen(MarkerArray, "finger_markers"),
+        "plant/finger_markers": graph.listen(MarkerArray, "plant/finger_markers"),
+        "camera/image_raw": graph.listen(Image, "camera/image_raw"),
+        "camera/camera_info": graph.listen(CameraInfo, "camera/camera_info"),
+        "detections": graph.listen(MarkerArray, "detections"),
+        "detections/image": graph.listen(CompressedImage, "detections/image"),
+        "grasp_state": graph.listen(DiagnosticStatus, "grasp_state", LATCHED),
+        "grasp_pose": graph.listen(PoseStamped, "grasp_pose", LATCHED),
+        "/clock": graph.listen(Clock, "/clock"),
+    }
+    add_gripper(graph)
+    graph.spin_until(lambda: others["detections"], "detections")
+    graph.spin_until(lambda: graph.call(Trigger, "grasp/auto").success, "a grasp accepted")
+    start_s = seconds(others["/clock"][-1].clock)
+    graph.spin_until(lambda: seconds(others["/clock"][-1].clock) > start_s + 0.4, "0.4 s", timeout_s=30.0)
+    assert not [topic for topic, messages in others.items() if not messages]
+
+    for topic, (names, filled) in joint_states.items():
+        for message in received[topic]:
+            assert tuple(message.name) == names, topic
+            lengths = {field: len(getattr(message, field)) for field in ("position", "velocity", "effort")}
+            assert lengths == {field: len(names) if field in filled else 0 for field in lengths}, topic
+            assert np.isfinite([*message.position, *message.velocity, *message.effort]).all(), topic
+    for topic in ("transducers", "chamber_states", "valve_commands", "joint_states"):
+        stamps = [seconds(message.header.stamp) for message in received[topic]]
+        np.testing.assert_allclose(np.diff(stamps), 0.01, atol=1e-9, err_msg=topic)
+
+    # Units: volts, pascals gauge, openings, and absolute pascals where the message says so.
+    assert 0.4 < min(received["transducers"][-1].effort) < max(received["transducers"][-1].effort) < 4.5
+    assert 50e3 < max(received["chamber_states"][-1].effort) < 110e3
+    assert max(received["pressure_setpoints"][-1].effort) == 100e3
+    assert all(np.abs(message.position).max() <= 1.0 for message in received["valve_commands"])
+    absolute = others["chamber_3_2/pressure"][0]
+    assert math.isclose(absolute.fluid_pressure, 101325.0, abs_tol=2e3)
+    assert absolute.header.frame_id == "finger_3_chamber_2"
+    frames = {topic: others[topic][-1].header.frame_id for topic in ("finger_tips", "grasp_pose")}
+    assert set(frames.values()) == {"gripper_base"}
+    assert others["finger_markers"][-1].markers[0].header.frame_id == "gripper_base"
+    assert others["detections"][-1].markers[0].header.frame_id == "gripper_base"
+    assert others["plant/finger_markers"][-1].markers[0].header.frame_id == "world"
+
+
+@pytest.mark.parametrize("namespace", ["", "/left"])
+def test_every_node_reports_its_health_under_its_full_name(graph, namespace):
+    reports = graph.listen(DiagnosticArray, "/diagnostics")
+    add_gripper(graph, namespace, clock=False, camera_rate_hz=0.0)
+    wanted = {f"{namespace}/{name}" for name in ALL}
+    graph.spin_until(lambda: {item.status[0].name for item in reports} >= wanted, "six reports")
+    assert {item.status[0].name for item in reports} == wanted
+    assert {item.status[0].hardware_id for item in reports} == {namespace.strip("/") or "gripper"}
+    assert all(len(item.status) == 1 and item.status[0].message for item in reports)
+
+
+def test_a_grasp_on_the_left_leaves_the_right_alone(graph):
+    states = {side: graph.listen(JointState, f"/{side}/chamber_states") for side in ("left", "right")}
+    grasps = {side: graph.listen(DiagnosticStatus, f"/{side}/grasp_state", LATCHED) for side in states}
+    for side in states:
+        # Each on a clock of its own, so that both may run in lock step.
+        add_gripper(graph, f"/{side}", {"/clock": f"/{side}/clock"}, camera_rate_hz=0.0)
+
+    def phase(side):
+        return {item.key: item.value for item in grasps[side][-1].values}["phase"] if grasps[side] else None
+
+    graph.spin_until(lambda: all(len(messages) > 5 for messages in states.values()), "pressures on both sides")
+    graph.spin_until(lambda: graph.call(Trigger, "/left/grasp/mid_rod").success, "a grasp on the left")
+    graph.spin_until(lambda: phase("left") == "holding", "holding on the left")
+    assert max(states["left"][-1].effort) > 95e3
+    until = len(states["right"]) + 100
+    graph.spin_until(lambda: len(states["right"]) >= until, "another second on the right")
+    assert np.nanmax([message.effort for message in states["right"]]) < 5e3
+    assert phase("right") == "idle"
+    assert graph.call(Trigger, "/left/grasp/stop").success
+    graph.spin_until(lambda: phase("left") == "fault", "the fault on the left")
+    graph.spin_until(lambda: graph.call(Trigger, "/right/grasp/envelope").success, "a grasp on the right")
+    graph.spin_until(lambda: phase("right") == "holding", "holding on the right")
+
+
+def test_a_topic_may_be_remapped_to_that_of_a_driver(graph):
+    graph.add(PressureSensorNode, remap={"transducers": "/valve_island/analog_in"})
+    states = graph.listen(JointState, "chamber_states")
+    driver = graph.publisher(JointState, "/valve_island/analog_in")
+    assert graph.test_node.count_subscribers("transducers") == 0
+    driver.publish(joint_state(time_stamp(1.0), CHANNEL_NAMES, effort=[2.5] * 16))
+    graph.spin_until(lambda: states, "chamber_states")
+    np.testing.assert_allclose(states[0].effort, 100e3, atol=1.0)
+
+
+def test_a_service_may_be_remapped(graph):
+    graph.add(PlantNode, remap={"plant/lift": "arm/up"}, scene="empty", camera_rate_hz=0.0)
+    assert graph.call(Trigger, "arm/up").success
+
+
+def test_a_node_may_be_renamed_and_reports_under_that_name(graph):
+    reports = graph.listen(DiagnosticArray, "/diagnostics")
+    graph.add(PressureSensorNode, namespace="/right", remap={"__node": "pressure_sensor_2"})
+    graph.spin_until(lambda: reports, "a report")
+    assert reports[0].status[0].name == "/right/pressure_sensor_2"

@@ -1,0 +1,55 @@
+"""One time line from stamps and the node's clock."""
+
+import math
+
+import pytest
+
+from mbpam_ros.nodes.stamps import StampClock
+
+
+def test_before_the_first_sample_time_is_the_node_s_clock_and_the_sample_infinitely_old():
+    clock = StampClock()
+    assert clock.time(7.0) == 7.0
+    assert clock.age(7.0) == math.inf
+
+
+def test_samples_count_by_their_stamps_whenever_they_arrive():
+    clock = StampClock()
+    assert clock.sample(10.00, now_s=500.0) == 10.00
+    assert clock.sample(10.01, now_s=500.9) == 10.01
+
+
+def test_between_samples_time_goes_on_with_the_node_s_clock():
+    clock = StampClock()
+    clock.sample(10.0, now_s=500.0)
+    assert clock.age(500.3) == pytest.approx(0.3)
+    assert clock.time(500.3) == pytest.approx(10.3)
+
+
+def test_a_stamp_a_little_before_a_moment_already_reported_counts_as_that_moment():
+    clock = StampClock()
+    clock.sample(10.0, now_s=500.0)
+    reported = clock.time(500.3)
+    assert clock.sample(10.25, now_s=500.31) == reported
+    assert clock.sample(10.35, now_s=500.41) == 10.35
+
+
+def test_time_does_not_go_back_between_samples():
+    clock = StampClock()
+    clock.sample(10.0, now_s=500.0)
+    assert clock.time(500.2) == pytest.approx(10.2)
+    assert clock.time(500.1) == pytest.approx(10.2)
+    assert clock.age(499.0) == 0.0
+
+
+def test_a_stamp_more_than_a_second_back_is_a_clock_started_anew():
+    clock = StampClock()
+    clock.sample(100.0, now_s=500.0)
+    assert clock.sample(0.01, now_s=500.1) == 0.01
+    assert clock.time(500.2) == pytest.approx(0.11)
+
+
+def test_a_stamp_just_a_second_back_is_not():
+    clock = StampClock()
+    clock.sample(100.0, now_s=500.0)
+    assert clock.sample(99.0, now_s=500.1) == 100.0
