@@ -15,8 +15,8 @@ class ContactConfig:
     """One kind of contact.
 
     Args:
-        stiffness_n_m: penalty stiffness of the pair.
-        damping_n_s_m: viscous damping of the pair along the normal.
+        stiffness_n_m: penalty stiffness of the pair; with a muscle, of each length of its radius that touches.
+        damping_n_s_m: viscous damping of the pair along the normal, likewise.
         friction_coefficient: Coulomb's mu.
         spin_length_m: torque about the normal over mu times the normal force; 2/3 of the patch radius.
         roll_length_m: rolling torque over the normal force; 0 for none.

@@ -1,4 +1,3 @@
-# ruff: noqa: ANN001, ANN201  (compiled functions: numba infers the types)
 r"""Mechanics of one constant-curvature muscle in its two bend components.
 
 The active part, of length L, carries the bend angle beta = (beta_x, beta_y) evenly: at the fraction sigma of it the
@@ -9,12 +8,13 @@ c_2 = (1 - cos) / u, all smooth at u = 0, where curvature and direction would be
     position  p = (0, 0, e) + sigma L (c_2 phi, c_1)           (e: length of the rigid ends)
     turning   r = z x phi,  omega = (I + c_2 [r] + c_3 [r]^2) dr/dt
 
-Frame: the clamp's, z along the hanging muscle. ``shape`` below is the array (end length, active length, radius) [m].
+Frame: the clamp's, z along the hanging muscle.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -22,14 +22,21 @@ from numpy.typing import NDArray
 
 from mbpam_ros.actuator.design import MuscleGeometry
 
-STATIONS = 14
-"""Samples along a muscle in the search for its deepest point: 9 mm apart, less than its radius."""
+Array = NDArray[np.float64]
 
 ACTIVE_NODES = 5
 """Gauss points of mass on the active part: mass matrix to 4e-6 at 170 deg."""
 
 
-def mass_nodes(geometry: MuscleGeometry) -> NDArray[np.float64]:
+class Muscle(NamedTuple):
+    """Lengths of a muscle [m]: of each rigid end and of the active part, and its outer radius."""
+
+    end_length: float
+    active_length: float
+    radius: float
+
+
+def mass_nodes(geometry: MuscleGeometry) -> Array:
     """Return the point masses that stand for the moving muscle, rows (arc length [m], mass [kg]).
 
     Gauss points on the active part and two on the far end piece, whose motion is quadratic in the arc length: exact.
@@ -46,7 +53,7 @@ def mass_nodes(geometry: MuscleGeometry) -> NDArray[np.float64]:
 
 
 @njit
-def stumpff(u):
+def stumpff(u: float) -> tuple[float, float, float, float, float, float, float]:
     """Return c_0 .. c_6 at u >= 0; the two highest by series, good to 1e-11 for u < 40 (a full turn)."""
     c5, c6 = 0.0, 0.0
     for j in range(13, -1, -1):
@@ -61,10 +68,10 @@ def stumpff(u):
 
 
 @njit
-def station(bx, by, shape, s):
-    """Return position and unit tangent at arc length s: six numbers."""
-    along = min(max(s - shape[0], 0.0), shape[1])
-    sigma = along / shape[1]
+def station(bx: float, by: float, muscle: Muscle, s: float) -> tuple[float, float, float]:
+    """Return the position at arc length s."""
+    along = min(max(s - muscle.end_length, 0.0), muscle.active_length)
+    sigma = along / muscle.active_length
     fx, fy = sigma * bx, sigma * by
     u = fx * fx + fy * fy
     if u < 1e-8:
@@ -74,21 +81,23 @@ def station(bx, by, shape, s):
         c0, c1 = math.cos(angle), math.sin(angle) / angle
         half = math.sin(0.5 * angle)
         c2 = 2.0 * half * half / u
-    tx, ty, tz = c1 * fx, c1 * fy, c0
-    beyond = s - along  # straight pieces: the near one up to the end length, the far one after the active part
-    near = min(beyond, shape[0])
-    far = beyond - near
-    x = along * c2 * fx + far * tx
-    y = along * c2 * fy + far * ty
-    return x, y, near + along * c1 + far * tz, tx, ty, tz
+    near = min(s, muscle.end_length)  # straight pieces: this one, and one after the active part
+    far = s - along - near
+    across = along * c2 + far * c1
+    return across * fx, across * fy, near + along * c1 + far * c0
 
 
 @njit
-def station_jacobian(bx, by, shape, s, jacobian):
-    """Write d(position, turning)/d(beta) at arc length s into ``jacobian`` (6, 2)."""
-    along = min(max(s - shape[0], 0.0), shape[1])
-    sigma = along / shape[1]
-    far = max(s - shape[0] - shape[1], 0.0)
+def station_jacobian(
+    bx: float, by: float, muscle: Muscle, s: float, sign: float, ax: float, ay: float, az: float, jacobian: Array
+) -> None:
+    """Write sign d(position, turning)/d(beta) of the material at (ax, ay, az) from the centreline at arc length s.
+
+    It goes into columns 0 and 1 of ``jacobian`` (6, 2 or more).
+    """
+    along = min(max(s - muscle.end_length, 0.0), muscle.active_length)
+    sigma = along / muscle.active_length
+    far = max(s - muscle.end_length - muscle.active_length, 0.0)
     fx, fy = sigma * bx, sigma * by
     u = fx * fx + fy * fy
     c0, c1, c2, c3, c4, c5, c6 = stumpff(u)
@@ -96,21 +105,22 @@ def station_jacobian(bx, by, shape, s, jacobian):
     diagonal = along * c2 + far * c1
     mixed = 2.0 * (along * d2 + far * d1)
     upright = 2.0 * along * d1 - far * c1
+    scale = sign * sigma
     for j in range(2):
         f = fx if j == 0 else fy
         ex, ey = (1.0, 0.0) if j == 0 else (0.0, 1.0)
-        jacobian[0, j] = sigma * (diagonal * ex + mixed * fx * f)
-        jacobian[1, j] = sigma * (diagonal * ey + mixed * fy * f)
-        jacobian[2, j] = sigma * upright * f
-        cross = fx * ey - fy * ex  # z component of r x (z x e_j)
-        # [r]^2 w = r (r . w) - u w, with w = (-ey, ex, 0), r . w = f
-        jacobian[3, j] = sigma * (-ey + c3 * (-fy * f + u * ey))
-        jacobian[4, j] = sigma * (ex + c3 * (fx * f - u * ex))
-        jacobian[5, j] = sigma * c2 * cross
+        # [r]^2 w = r (r . w) - u w, with r = z x phi, w = z x e_j, r . w = f; z component of r x w last
+        wx, wy, wz = -ey + c3 * (u * ey - fy * f), ex + c3 * (fx * f - u * ex), c2 * (fx * ey - fy * ex)
+        jacobian[0, j] = scale * (diagonal * ex + mixed * fx * f + wy * az - wz * ay)
+        jacobian[1, j] = scale * (diagonal * ey + mixed * fy * f + wz * ax - wx * az)
+        jacobian[2, j] = scale * (upright * f + wx * ay - wy * ax)
+        jacobian[3, j], jacobian[4, j], jacobian[5, j] = scale * wx, scale * wy, scale * wz
 
 
 @njit
-def inertia_and_load(bx, by, vx, vy, shape, nodes, gravity):
+def inertia_and_load(
+    bx: float, by: float, vx: float, vy: float, muscle: Muscle, nodes: Array, gravity: float
+) -> tuple[float, float, float, float, float]:
     """Return mass matrix (m_xx, m_xy, m_yy) [kg m2] and load (q_x, q_y) [N m] of gravity less velocity terms.
 
     ``gravity`` is along +z in the (accelerated) clamp frame. The load is sum m J^T (g - d2p/dt2 at zero bend
@@ -119,9 +129,9 @@ def inertia_and_load(bx, by, vx, vy, shape, nodes, gravity):
     mxx, mxy, myy, qx, qy = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(nodes.shape[0]):
         s, mass = nodes[k, 0], nodes[k, 1]
-        along = min(max(s - shape[0], 0.0), shape[1])
-        sigma = along / shape[1]
-        far = max(s - shape[0] - shape[1], 0.0)
+        along = min(max(s - muscle.end_length, 0.0), muscle.active_length)
+        sigma = along / muscle.active_length
+        far = max(s - muscle.end_length - muscle.active_length, 0.0)
         fx, fy, wx, wy = sigma * bx, sigma * by, sigma * vx, sigma * vy
         u = fx * fx + fy * fy
         c0, c1, c2, c3, c4, c5, c6 = stumpff(u)

@@ -1,4 +1,3 @@
-# ruff: noqa: ANN001, ANN201  (compiled functions: numba infers the types)
 """Solids, compiled: signed distance, and the points on which they rest.
 
 Body frame: that of :mod:`~mbpam_ros.plant.solids`. Functions take a shape code and the half sizes (3,) [m].
@@ -8,7 +7,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
 
 SPHERE, CYLINDER, BOX, PLANE = 0, 1, 2, 3
 SHAPE_CODES = {"sphere": SPHERE, "cylinder": CYLINDER, "box": BOX}
@@ -18,7 +21,7 @@ REST_POINTS = 4
 
 
 @njit
-def signed_distance(shape, half, x, y, z):
+def signed_distance(shape: int, half: Array, x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Return the distance to the surface (negative inside) and its gradient: four numbers, body frame."""
     if shape == PLANE:  # the solid is below, toward +z
         return -z, 0.0, 0.0, -1.0
@@ -52,7 +55,9 @@ def signed_distance(shape, half, x, y, z):
 
 
 @njit
-def rest_points(shape, half, centre, rotation, foot_x, foot_y, points):
+def rest_points(
+    shape: int, half: Array, centre: Array, rotation: Array, foot_x: float, foot_y: float, points: Array
+) -> int:
     """Write the lowest points over the footprint |x| <= foot_x, |y| <= foot_y into ``points``; return how many.
 
     World frame, z down. Sphere: one. Cylinder: the two ends of its lowest line, or four points of the lower rim when
@@ -69,7 +74,9 @@ def rest_points(shape, half, centre, rotation, foot_x, foot_y, points):
 
 
 @njit
-def _cylinder_rest_points(half, centre, rotation, foot_x, foot_y, points):
+def _cylinder_rest_points(
+    half: Array, centre: Array, rotation: Array, foot_x: float, foot_y: float, points: Array
+) -> int:
     ax, ay, az = rotation[0, 2], rotation[1, 2], rotation[2, 2]
     level = math.sqrt(max(1.0 - az * az, 0.0))
     if level < 0.1:  # standing: within 6 deg of upright
@@ -106,7 +113,7 @@ def _cylinder_rest_points(half, centre, rotation, foot_x, foot_y, points):
 
 
 @njit
-def _box_rest_points(half, centre, rotation, foot_x, foot_y, points):
+def _box_rest_points(half: Array, centre: Array, rotation: Array, foot_x: float, foot_y: float, points: Array) -> int:
     w = 0  # axis of the lower face: the one most upright
     for k in range(1, 3):
         if abs(rotation[2, k]) > abs(rotation[2, w]):

@@ -8,22 +8,22 @@ import pytest
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import gravity_gradient_n_m
 from mbpam_ros.actuator.kinematics import centreline, tip_pose
-from mbpam_ros.plant.finger import inertia_and_load, mass_nodes, station, station_jacobian, stumpff
+from mbpam_ros.plant.finger import Muscle, inertia_and_load, mass_nodes, station, station_jacobian, stumpff
 
 GEOMETRY = MuscleGeometry(0.010, 0.015, 0.100, 0.162)
-SHAPE = np.array([0.015, 0.100, 0.010])
+MUSCLE = Muscle(0.015, 0.100, 0.010)
 NODES = mass_nodes(GEOMETRY)
 BENDS = [(0.0, 0.0), (1e-6, -2e-6), (0.4, -0.3), (-1.5, 1.2), (2.4, 1.8)]
 
 
 def mass_and_load(bend, rate, gravity=0.0):
-    mxx, mxy, myy, qx, qy = inertia_and_load(*bend, *rate, SHAPE, NODES, gravity)
+    mxx, mxy, myy, qx, qy = inertia_and_load(*bend, *rate, MUSCLE, NODES, gravity)
     return np.array([[mxx, mxy], [mxy, myy]]), np.array([qx, qy])
 
 
-def jacobian_at(bend, s):
+def jacobian_at(bend, s, sign=1.0, arm=(0.0, 0.0, 0.0)):
     jacobian = np.empty((6, 2))
-    station_jacobian(*bend, SHAPE, s, jacobian)
+    station_jacobian(*bend, MUSCLE, s, sign, *arm, jacobian)
     return jacobian
 
 
@@ -39,7 +39,7 @@ def test_stumpff_functions_are_cosine_sinc_and_their_remainders(u):
 @pytest.mark.parametrize("bend", BENDS)
 def test_stations_lie_on_the_actuators_centre_line(bend):
     arc_length = np.linspace(0.0, GEOMETRY.length_m, 27)
-    points = np.array([station(*bend, SHAPE, s)[:3] for s in arc_length])
+    points = np.array([station(*bend, MUSCLE, s) for s in arc_length])
     np.testing.assert_allclose(points, centreline(np.array(bend), GEOMETRY, arc_length), atol=1e-9)
 
 
@@ -49,7 +49,7 @@ def test_position_jacobian_is_the_derivative_of_the_position(bend, s):
     step = 1e-6
     for j in range(2):
         moved = [np.array(bend) + sign * step * np.eye(2)[j] for sign in (1, -1)]
-        forward, back = (np.array(station(*m, SHAPE, s)[:3]) for m in moved)
+        forward, back = (np.array(station(*m, MUSCLE, s)) for m in moved)
         np.testing.assert_allclose(jacobian_at(bend, s)[:3, j], (forward - back) / (2 * step), atol=1e-8)
 
 
@@ -62,6 +62,13 @@ def test_turning_jacobian_is_the_derivative_of_the_tips_orientation(bend):
         rate, conjugate = np.array([x, y, z]), -q[:3]
         turning = 2.0 * (w * conjugate + q[3] * rate + np.cross(rate, conjugate))  # omega = 2 (dq/dt) q*
         np.testing.assert_allclose(jacobian_at(bend, 0.125)[3:, j], turning, atol=1e-8)
+
+
+def test_material_beside_the_centreline_moves_with_its_turning():
+    bend, arm = (0.4, -0.3), np.array([0.003, -0.002, 0.005])
+    centre = jacobian_at(bend, 0.05)
+    expected = np.vstack([centre[:3] + np.cross(centre[3:], arm, axisa=0).T, centre[3:]])
+    np.testing.assert_allclose(jacobian_at(bend, 0.05, -1.0, arm), -expected, atol=1e-12)
 
 
 def test_mass_of_a_straight_muscle_is_its_closed_form():

@@ -15,7 +15,9 @@ LEVEL = np.eye(3)
 
 def lowest(shape, size, centre, rotation=LEVEL, foot=(np.inf, np.inf)):
     points = np.empty((REST_POINTS, 3))
-    count = rest_points(shape, 0.5 * np.array(size), np.array(centre, dtype=float), np.array(rotation), *foot, points)
+    count = rest_points(
+        shape, 0.5 * np.array(size), np.array(centre, dtype=float), np.array(rotation, dtype=float), *foot, points
+    )
     return points[:count]
 
 

@@ -1,0 +1,164 @@
+"""Where bodies touch: fills the table of contacts from a configuration.
+
+A muscle is a row of balls of its radius along its centreline, up to one radius before its end, so that its rounded tip
+ends where the muscle ends. Each ball that overlaps a solid is one contact and stands for the length of muscle about
+it. So the force is spread along the muscle as depth is, and does not jump where a muscle lies along a face.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mbpam_ros.plant.contact import Contacts
+from mbpam_ros.plant.finger import Muscle, station, station_jacobian
+from mbpam_ros.plant.shapes import PLANE, REST_POINTS, rest_points, signed_distance
+
+Array = NDArray[np.float64]
+
+FINGER_OBJECT, OBJECT_SUPPORT, FINGER_SUPPORT, OBJECT_PALM = 0, 1, 2, 3
+"""Rows of the table of contact laws."""
+
+BALLS = 49
+"""Balls along a muscle: 2.5 mm apart."""
+
+PLATE_THICKNESS_M = 0.010
+"""A support with a footprint is a plate: what is deeper than this below its top has gone past its edge."""
+
+
+class Surroundings(NamedTuple):
+    """What muscles may touch.
+
+    Args:
+        shape: code of the object's; -1 without an object.
+        half: half its sizes, shape (3,).
+        planes: rows (depth, half size x, half size y) of level supports, the table last.
+        table_in_reach: whether a muscle may touch the last plane.
+    """
+
+    shape: int
+    half: Array
+    planes: Array
+    table_in_reach: bool
+
+
+def contact_limit(fingers: int, planes: int) -> int:
+    """Return the most contacts that can be."""
+    return 2 * BALLS * fingers + REST_POINTS * (planes + 1)
+
+
+@njit
+def _object_columns(x: float, y: float, z: float, jacobian: Array) -> None:
+    """Write the velocity at (x, y, z) from a body's centre into columns 2 to 7 of ``jacobian`` (6, 8)."""
+    for i in range(3):
+        jacobian[i, 2 + i] = 1.0
+        jacobian[3 + i, 5 + i] = 1.0
+    jacobian[0, 6], jacobian[0, 7] = z, -y
+    jacobian[1, 5], jacobian[1, 7] = -z, x
+    jacobian[2, 5], jacobian[2, 6] = y, -x
+
+
+@njit
+def _muscle_contacts(
+    bx: float, by: float, muscle: Muscle, base: Array, shape: int, half: Array, centre: Array, rotation: Array,
+    contacts: Contacts,
+) -> None:  # fmt: skip
+    """Append the contacts of one muscle with one solid.
+
+    The distance changes by no more than the arc length: far from the solid, balls are left out.
+    """
+    spacing = (2.0 * muscle.end_length + muscle.active_length - muscle.radius) / (BALLS - 1)
+    sign = 1.0 if shape == PLANE else -1.0  # what is pushed: the muscle by a plane, or the object by the muscle
+    k = 0
+    while k < BALLS:
+        s = k * spacing
+        x, y, z = station(bx, by, muscle, s)
+        x, y, z = x + base[0] - centre[0], y + base[1] - centre[1], z + base[2] - centre[2]
+        distance, gx, gy, gz = signed_distance(
+            shape,
+            half,
+            rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z,
+            rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z,
+            rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z,
+        )
+        depth = muscle.radius - distance
+        if depth <= 0.0:
+            k += max(1, math.ceil(-depth / spacing))
+            continue
+        nx = rotation[0, 0] * gx + rotation[0, 1] * gy + rotation[0, 2] * gz
+        ny = rotation[1, 0] * gx + rotation[1, 1] * gy + rotation[1, 2] * gz
+        nz = rotation[2, 0] * gx + rotation[2, 1] * gy + rotation[2, 2] * gz
+        arm = -0.5 * (distance + muscle.radius)  # the point half-way between the two surfaces
+        n = contacts.count[0]
+        contacts.count[0] = n + 1
+        contacts.depth[n] = depth
+        # The length about the ball, over the radius; the rounded tip counts as one radius more.
+        length = spacing if 0 < k < BALLS - 1 else 0.5 * spacing
+        contacts.share[n] = length / muscle.radius + (1.0 if k == BALLS - 1 else 0.0)
+        normal, jacobian = contacts.normal[n], contacts.jacobian[n]
+        normal[0], normal[1], normal[2] = sign * nx, sign * ny, sign * nz
+        station_jacobian(bx, by, muscle, s, sign, arm * nx, arm * ny, arm * nz, jacobian)
+        if shape != PLANE:
+            _object_columns(x + arm * nx, y + arm * ny, z + arm * nz, jacobian)
+        k += 1
+
+
+@njit
+def _rest_contacts(
+    around: Surroundings, centre: Array, rotation: Array, lift: float, hand_velocity: float, contacts: Contacts
+) -> None:
+    """Append the contacts of the object with its supports and the palm."""
+    points = np.empty((REST_POINTS, 3))
+    for p in range(around.planes.shape[0] + 1):
+        palm = p == around.planes.shape[0]
+        foot_x = np.inf if palm else around.planes[p, 1]
+        foot_y = np.inf if palm else around.planes[p, 2]
+        for k in range(rest_points(around.shape, around.half, centre, rotation, foot_x, foot_y, points)):
+            x, y, z = points[k, 0] - centre[0], points[k, 1] - centre[1], points[k, 2] - centre[2]
+            if palm:  # all solids are symmetric about their centres: their highest points mirror the lowest
+                x, y, z = -x, -y, -z
+                depth = -lift - centre[2] - z
+            else:
+                depth = centre[2] + z - around.planes[p, 0]
+            if depth <= 0.0 or (foot_x < np.inf and depth > PLATE_THICKNESS_M):
+                continue
+            n = contacts.count[0]
+            contacts.count[0] = n + 1
+            contacts.depth[n], contacts.share[n] = depth, 1.0
+            contacts.normal[n, 0], contacts.normal[n, 1] = 0.0, 0.0
+            contacts.normal[n, 2] = 1.0 if palm else -1.0
+            contacts.rise[n] = hand_velocity if palm else 0.0
+            contacts.finger[n], contacts.kind[n] = -1, OBJECT_PALM if palm else OBJECT_SUPPORT
+            _object_columns(x, y, z, contacts.jacobian[n])
+
+
+@njit
+def find_contacts(
+    bend: Array, bases: Array, muscle: Muscle, around: Surroundings, centre: Array, rotation: Array,
+    lift: float, hand_velocity: float, contacts: Contacts,
+) -> None:  # fmt: skip
+    """Fill the table from the configuration at the start of a sub-step."""
+    base, level, plane_centre = np.empty(3), np.eye(3), np.zeros(3)
+    if around.table_in_reach:
+        plane_centre[2] = around.planes[-1, 0]
+    contacts.count[0] = 0
+    for f in range(bases.shape[0]):
+        base[0], base[1], base[2] = bases[f, 0], bases[f, 1], bases[f, 2] - lift
+        for kind in (FINGER_OBJECT, FINGER_SUPPORT):
+            on_object = kind == FINGER_OBJECT
+            if (on_object and around.shape < 0) or not (on_object or around.table_in_reach):
+                continue
+            shape, place, turn = around.shape, centre, rotation
+            if not on_object:
+                shape, place, turn = PLANE, plane_centre, level
+            first = contacts.count[0]
+            _muscle_contacts(bend[2 * f], bend[2 * f + 1], muscle, base, shape, around.half, place, turn, contacts)
+            for c in range(first, contacts.count[0]):
+                contacts.finger[c], contacts.kind[c] = f, kind
+                contacts.rise[c] = hand_velocity if on_object else -hand_velocity
+    if around.shape >= 0:
+        _rest_contacts(around, centre, rotation, lift, hand_velocity, contacts)
