@@ -1,6 +1,7 @@
 """The whole gripper, all six nodes on simulated time, each tick of the plant answered before the next one."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -19,9 +20,11 @@ from mbpam_ros.nodes.runtime import LATCHED, STREAM
 from mbpam_ros.nodes.state_estimator import StateEstimatorNode
 from mbpam_ros.nodes.valve_controller import ValveControllerNode
 
-pytestmark = pytest.mark.usefixtures("compiled_plant")
+pytestmark = [pytest.mark.usefixtures("compiled_plant"), pytest.mark.timeout(300)]
 
 LIFT_M = 0.100
+SLOW_MACHINE_S = 120.0
+"""Limit for seconds of simulated time; a busy machine may need longer than the wall clock."""
 
 
 class Gripper:
@@ -74,7 +77,9 @@ class Gripper:
         return seconds(self.states[-1].header.stamp) if self.states else 0.0
 
     def run_until(self, time_s):
-        self.graph.spin_until(lambda: self.time_s >= time_s - 1e-6, f"simulated time {time_s:g} s", timeout_s=30.0)
+        self.graph.spin_until(
+            lambda: self.time_s >= time_s - 1e-6, f"simulated time {time_s:g} s", timeout_s=SLOW_MACHINE_S
+        )
 
     def wait_for_phase(self, phase):
         def reached():
@@ -82,7 +87,7 @@ class Gripper:
             assert phase == "fault" or values.get("phase") != "fault", values
             return values.get("phase") == phase
 
-        self.graph.spin_until(reached, phase, timeout_s=30.0)
+        self.graph.spin_until(reached, phase, timeout_s=SLOW_MACHINE_S)
 
     def call(self, name):
         answer = self.graph.call(Trigger, name)
@@ -136,7 +141,8 @@ def test_the_bulb_is_seen_grasped_lifted_with_the_hand_and_let_go(graph):
 
 def test_the_same_script_gives_the_same_bits(new_graph):
     def run():
-        gripper = Gripper(new_graph())
+        # A busy machine must not be taken for valves that do not answer.
+        gripper = Gripper(new_graph(), lock_step_timeout_s=2.0)
         gripper.plan((0.6, "grasp/auto"), (1.6, "plant/lift"), (2.8, "grasp/release"))
         gripper.run_until(3.5)
         assert [(name, answer.success) for name, answer in gripper.answers] == [
@@ -151,10 +157,12 @@ def test_the_same_script_gives_the_same_bits(new_graph):
     assert run() == first
 
 
-def test_lock_step_runs_faster_than_real_time(graph):
+def test_simulated_time_costs_less_processor_time_than_it_lasts(graph):
     gripper = Gripper(graph, arbiter=False, scene="empty", camera_rate_hz=0.0)
-    graph.spin_until(lambda: gripper.time_s >= 10.0, "ten simulated seconds", timeout_s=10.0)
-    assert len(gripper.states) >= 1000
+    gripper.run_until(0.1)
+    before_s, start_s = time.process_time(), gripper.time_s
+    gripper.run_until(10.1)
+    assert time.process_time() - before_s < gripper.time_s - start_s
 
 
 @pytest.mark.parametrize("channels", ["one", "all"])
