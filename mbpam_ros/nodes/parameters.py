@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
 
 from mbpam_ros.configuration import ConfigError
 
@@ -24,7 +22,7 @@ class Parameter:
         name: its ROS name, with the unit as suffix.
         default: its value and thereby its type.
         description: one line for ``ros2 param describe``.
-        low, high: inclusive range of a number; None for text and switches.
+        low, high: inclusive range of a number (ROS then refuses NaN too); None for text and switches.
         changeable: whether it may be set while the node runs.
     """
 
@@ -60,16 +58,6 @@ def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> None:
         raise ConfigError(f"{node.get_name()}: unknown parameter {', '.join(unknown)}; known: {', '.join(known)}")
     for parameter in parameters:
         try:
-            value = node.declare_parameter(parameter.name, parameter.default, parameter.descriptor()).value
+            node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise ConfigError(f"{node.get_name()}: parameter {parameter.name}: {error}") from error
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ConfigError(f"{node.get_name()}: parameter {parameter.name} must be finite, found {value}")
-    node.add_on_set_parameters_callback(_refuse_not_finite)
-
-
-def _refuse_not_finite(parameters: list[RosParameter]) -> SetParametersResult:
-    for parameter in parameters:
-        if isinstance(parameter.value, float) and not math.isfinite(parameter.value):
-            return SetParametersResult(successful=False, reason=f"{parameter.name} must be finite")
-    return SetParametersResult(successful=True)

@@ -211,6 +211,9 @@ class PlantNode(GripperNode):
     # Services
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self.failure is not None:
+            response.success, response.message = False, f"{self.failure}; start the node anew"
+            return response
         self._before_reset_s += self._plant.time_s
         self._plant.reset()
         self._spool = np.zeros(CHANNEL_COUNT)

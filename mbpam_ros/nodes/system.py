@@ -20,7 +20,9 @@ from rclpy.node import Node
 NODES = ("plant", "pressure_sensor", "valve_controller", "state_estimator", "object_detector", "grasp_arbiter")
 """The executables of a gripper, in the order of the data flow."""
 
-STOP_TIMEOUT_S = 5.0
+STOP_TIMEOUT_S = 30.0
+"""Ending takes 1 s, several on a busy machine, and many when Fast DDS meets a peer that leaves at the same moment
+(its issue 6513: destroying a participant spins until the callback about the peer has got a lock)."""
 
 
 class NodeSystemError(RuntimeError):
@@ -82,7 +84,7 @@ class NodeProcesses:
                 raise NodeSystemError(f"{executable} ended with code {process.returncode}: {' | '.join(last)}")
 
     def stop(self, stop_signal: signal.Signals = signal.SIGINT) -> dict[str, int]:
-        """Ask every process to end, kill what does not within 5 s, and return the exit codes."""
+        """Ask every process to end, kill what does not in time, and return the exit codes."""
         for process in self.processes.values():
             if process.poll() is None:
                 process.send_signal(stop_signal)

@@ -155,7 +155,7 @@ def test_every_executable_reports_its_health_and_a_signal_ends_it_with_code_0(st
 def test_bringup_runs_all_six_nodes_and_a_signal_ends_it_with_code_0(start, stop_signal):
     gripper = start(["bringup"], nodes=NODES)
     gripper.enable()
-    gripper.close_fingers()
+    gripper.ask("grasp/envelope")
     assert gripper.processes.stop(stop_signal) == {"bringup": 0}
     log = gripper.processes.log("bringup").read_text()
     assert "Traceback" not in log and "FATAL" not in log, log
