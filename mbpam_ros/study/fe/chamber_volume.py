@@ -87,7 +87,9 @@ def _face_shape(s: float, t: float, nodes: int) -> tuple[NDArray, NDArray, NDArr
     shape = 0.25 * u * v * w
     slope_s = 0.25 * corner_s * v * (w + u)
     slope_t = 0.25 * corner_t * u * (w + v)
-    middle = 0.5 * np.array([(1 - s * s) * (1 - t), (1 + s) * (1 - t * t), (1 - s * s) * (1 + t), (1 - s) * (1 - t * t)])
+    middle = 0.5 * np.array(
+        [(1 - s * s) * (1 - t), (1 + s) * (1 - t * t), (1 - s * s) * (1 + t), (1 - s) * (1 - t * t)]
+    )
     middle_s = 0.5 * np.array([-2 * s * (1 - t), 1 - t * t, -2 * s * (1 + t), t * t - 1])
     middle_t = 0.5 * np.array([s * s - 1, -2 * t * (1 + s), 1 - s * s, -2 * t * (1 - s)])
     return np.append(shape, middle), np.append(slope_s, middle_s), np.append(slope_t, middle_t)

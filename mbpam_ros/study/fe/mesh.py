@@ -114,8 +114,8 @@ class Resolution:
     wave: int = 8
     wall: int = 2
     arm: int = 2
-    spoke: int = 6
-    sector: int = 5
+    spoke: int = 4
+    sector: int = 3
     quadratic: bool = False
 
     def __post_init__(self) -> None:
@@ -177,7 +177,9 @@ def _octant(
     half = 0.5 * geometry.b_mm
     outer = geometry.outer_radius_at(z)
     inner = outer - geometry.c_mm
-    arm, wall, spoke, sector = (order * n for n in (resolution.arm, resolution.wall, resolution.spoke, resolution.sector))
+    arm, wall, spoke, sector = (
+        order * n for n in (resolution.arm, resolution.wall, resolution.spoke, resolution.sector)
+    )
 
     corners = half * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
     middle = corners.mean(axis=0)
