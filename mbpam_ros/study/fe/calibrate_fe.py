@@ -21,7 +21,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -71,10 +71,19 @@ class Run:
     resolution: Resolution = field(default_factory=Resolution)
     silicone: Silicone = field(default_factory=Silicone)
     end_length_mm: float = END_LENGTH_MM
+    end_weight_factor: float = 1.0
 
     def cell(self) -> UnitCell:
         """Return the unit cell of this job."""
         return UnitCell(self.geometry, self.pattern, self.resolution, self.silicone)
+
+    def upright_tip_angle_rad(self, law: BendingLaw) -> float:
+        """Return the tip angle in the paper's posture with the law of one pressure.
+
+        Raises:
+            LoadStepError, LawError, PostureError: no equilibrium was found.
+        """
+        return upright_tip_angle_rad(law, self.geometry, self.end_length_mm, self.end_weight_factor)
 
 
 def paper_points() -> list[PaperPoint]:
@@ -91,8 +100,10 @@ def paper_points() -> list[PaperPoint]:
     return [*points, PaperPoint("measured:psc", 2.5, 2.0, MEASURED_PSC_DEG, MEASURED_PSC_N, "psc")]
 
 
-def nominal_values(run: Run) -> dict[str, float]:
+def nominal_values(run: Run) -> dict[str, object]:
     """Return what one design does at 100 kPa: bend [deg] without and with weight, held-straight moment, blocked force.
+
+    The law's samples come with it, so that other postures and weights need no finite elements.
 
     Raises:
         LoadStepError, LawError, PostureError: the finite elements or the rod found no equilibrium.
@@ -101,7 +112,7 @@ def nominal_values(run: Run) -> dict[str, float]:
     pressure_mpa = 1e-3 * NOMINAL_KPA
     free = cell.free_bend(pressure_mpa)
     law = BendingLaw(cell, [free])
-    upright_rad = upright_tip_angle_rad(law, run.geometry, run.end_length_mm)
+    upright_rad = run.upright_tip_angle_rad(law)
     straight = cell.held_bend(pressure_mpa, 0.0)
     moment_n_mm = -straight.moment_n_mm
     length_m, end_m = 1e-3 * run.geometry.active_length_mm, 1e-3 * run.end_length_mm
@@ -111,7 +122,9 @@ def nominal_values(run: Run) -> dict[str, float]:
         "theta_deg": math.degrees(upright_rad),
         "straight_moment_n_mm": moment_n_mm,
         "force_n": 1e-3 * moment_n_mm * blocked_tip_force_per_moment(rod),
-        "free_axis_stretch": free.axis_stretch,
+        "bend_samples_deg": np.degrees(law.bend_rad).tolist(),
+        "moment_samples_n_mm": law.moment_n_mm.tolist(),
+        "axis_stretch_samples": law.axis_stretch.tolist(),
     }
 
 
@@ -126,7 +139,7 @@ def bend_curve(run: Run, pressures_kpa: Sequence[float]) -> dict[str, list[float
     for pressure_kpa in pressures_kpa:
         state = cell.free_bend(1e-3 * pressure_kpa, state)
         law = BendingLaw(cell, [state])
-        angles.append(math.degrees(upright_tip_angle_rad(law, run.geometry, run.end_length_mm)))
+        angles.append(math.degrees(run.upright_tip_angle_rad(law)))
     return {"p_kpa": [float(value) for value in pressures_kpa], "theta_deg": angles}
 
 
@@ -170,7 +183,7 @@ def settings(run: Run) -> dict[str, object]:
     versions = {name: _version(name) for name in ("felupe", "numpy", "scipy", "pypardiso")}
     return {
         "convention": "outer radius R - a/2 (1 - cos(2 pi z / lambda)); radial wall c; chambers x, y > b/2",
-        "geometry": {**geometry, "end_length_mm": run.end_length_mm},
+        "geometry": {**geometry, "end_length_mm": run.end_length_mm, "end_weight_factor": run.end_weight_factor},
         "resolution": asdict(run.resolution),
         "silicone": asdict(run.silicone),
         "not_modelled": list(NOT_MODELLED),
@@ -209,12 +222,12 @@ def compare_with_paper(
         CalibrationError: ``path`` is no file of this command.
     """
     wanted = settings(template)
-    rows = _finished_rows(path, wanted)
+    rows = {row["source"]: row for row in _finished(path, wanted, "points")}
     futures = {}
     for point in points:
         if point.source not in rows:
-            geometry = CellGeometry(**{**asdict(template.geometry), "a_mm": point.a_mm, "b_mm": point.b_mm})
-            run = Run(geometry, point.pattern, template.resolution, template.silicone, template.end_length_mm)
+            geometry = replace(template.geometry, a_mm=point.a_mm, b_mm=point.b_mm)
+            run = replace(template, geometry=geometry, pattern=point.pattern)
             futures[executor.submit(nominal_values, run)] = point
     failures = {}
     for future in as_completed(futures):
@@ -239,24 +252,39 @@ def compare_with_paper(
     return result
 
 
-def rod_law(run: Run, executor: Executor, report: Callable[[str], None]) -> dict:
-    """Return M, V and stretch over pressure and bend for PDC and PSC, with the straight line through each."""
-    futures = {}
-    for pattern in PATTERNS:
-        job = Run(run.geometry, pattern, run.resolution, run.silicone, run.end_length_mm)
-        for pressure in _LAW_PRESSURES_KPA:
+def rod_law(run: Run, path: Path, executor: Executor, report: Callable[[str], None]) -> dict:
+    """Return M, V and stretch over pressure and bend for PDC and PSC, with the straight line through each.
+
+    ``path`` is kept up to date; pressures that it holds from the same settings are not run again.
+
+    Raises:
+        CalibrationError: ``path`` is no law of this command.
+    """
+    wanted = {**settings(run), "design": {"a_mm": run.geometry.a_mm, "b_mm": run.geometry.b_mm}}
+    tables = {(row["pattern"], row["p_kpa"]): row for row in _finished(path, wanted, "tables")}
+    cases = [(pattern, float(pressure)) for pattern in PATTERNS for pressure in _LAW_PRESSURES_KPA]
+    futures, failures = {}, []
+    for pattern, pressure in cases:
+        if (pattern, pressure) not in tables:
+            job = replace(run, pattern=pattern)
             futures[executor.submit(law_at_pressure, job, pressure, _LAW_BENDS_DEG)] = (pattern, pressure)
-    tables, failures = [], []
     for future in as_completed(futures):
         pattern, pressure = futures[future]
         try:
-            tables.append(future.result())
+            tables[pattern, pressure] = future.result()
         except (LoadStepError, LawError) as error:
-            failures.append({"pattern": pattern, "p_kpa": float(pressure), "reason": str(error)})
-        report(f"{pattern} {pressure} kPa ({len(tables)}/{len(futures)})")
-    tables.sort(key=lambda table: (table["pattern"], table["p_kpa"]))
-    design = {"a_mm": run.geometry.a_mm, "b_mm": run.geometry.b_mm}
-    return {"settings": settings(run), "design": design, "tables": tables, "failures": failures}
+            failures.append({"pattern": pattern, "p_kpa": pressure, "reason": str(error)})
+            report(f"{pattern} {pressure:g} kPa: {error}")
+            continue
+        _write(path, {"settings": wanted, "tables": [tables[case] for case in cases if case in tables]})
+        report(f"[{len(tables)}/{len(cases)}] {pattern} {pressure:g} kPa")
+    result = {
+        "settings": wanted,
+        "tables": [tables[case] for case in cases if case in tables],
+        "failures": failures,
+    }
+    _write(path, result)
+    return result
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -270,7 +298,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise CalibrationError("nothing to write: give --json FILE or --law FILE")
         with ProcessPoolExecutor(options.workers) as executor:
             if options.law is not None:
-                _write(options.law, rod_law(template, executor, _say))
+                rod_law(template, options.law, executor, _say)
             if options.json is not None and options.design is not None:
                 pressures = np.linspace(0.0, NOMINAL_KPA, 11)
                 _write(options.json, executor.submit(bend_curve, template, pressures.tolist()).result())
@@ -295,6 +323,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--waves", type=float, default=default.wave_count, metavar="N", help="waves of the 32 designs")
     parser.add_argument("--active-length", type=float, default=default.active_length_mm, metavar="MM")
     parser.add_argument("--end-length", type=float, default=END_LENGTH_MM, metavar="MM")
+    parser.add_argument(
+        "--end-weight", type=float, default=1.0, metavar="F", help="of the ends, per length, over waves'"
+    )
     parser.add_argument("--quadratic", action="store_true", help="20-node elements, reduced integration")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes (default: one a core)")
     return parser
@@ -309,22 +340,23 @@ def _template(options: argparse.Namespace) -> Run:
             raise CalibrationError(f"--design wants four numbers A,B,C,N, found {options.design!r}") from error
     resolution = QUADRATIC if options.quadratic else Resolution()
     geometry = CellGeometry(a_mm, b_mm, c_mm, waves, options.active_length)
-    return Run(geometry, options.pattern, resolution, end_length_mm=options.end_length)
+    ends = {"end_length_mm": options.end_length, "end_weight_factor": options.end_weight}
+    return Run(geometry, options.pattern, resolution, **ends)
 
 
 QUADRATIC = Resolution(wave=8, wall=1, arm=2, spoke=2, sector=2, quadratic=True)
 """A mesh of 20-node elements that costs about as much as three of the default one."""
 
 
-def _finished_rows(path: Path, wanted: dict) -> dict[str, dict]:
+def _finished(path: Path, wanted: dict, key: str) -> list[dict]:
+    """What an earlier, perhaps interrupted command with the same settings left in ``path``."""
     if not path.exists():
-        return {}
+        return []
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-        same, rows = found["settings"] == wanted, {row["source"]: row for row in found["points"]}
+        return found[key] if found["settings"] == wanted else []
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise CalibrationError(f"{path} exists and is no comparison of this command; give another file") from error
-    return rows if same else {}
+        raise CalibrationError(f"{path} exists and is no such result of this command; give another file") from error
 
 
 def _row_text(row: dict, count: str) -> str:

@@ -1,12 +1,12 @@
 """Tip angle of the muscle in the posture of the paper's tests, with the bending law of finite elements.
 
 Clamped at the base, tip up, weight on; the rod of :mod:`~mbpam_ros.actuator.planar_rod`, but with a bending law that is
-not a straight line and an axis that stretches by s(M). With r the unstretched distance from the tip along the rod and
-w the weight per unstretched length, the weight's moment m and the angle obey over the active part
+not a straight line and an axis that stretches by s(M). With r the unstretched length toward the tip's straight piece
+(length l, weight W), w the active part's weight per unstretched length, the weight's moment m and the angle obey
 
-    d theta / dr = -kappa(m),   d m / dr = w r s(m) sin(theta),
+    d theta / dr = -kappa(m),   d m / dr = (W + w r) s(m) sin(theta),
 
-from theta = theta_tip, m = w l^2/2 sin(theta_tip) at r = l (the straight, rigid tip) to theta = 0 at r = l + L.
+from theta = theta_tip, m = W l/2 sin(theta_tip) at r = 0 to theta = 0 at r = L.
 Fourth-order Runge-Kutta; the root theta_tip is followed from the weightless rod by raising gravity.
 """
 
@@ -51,13 +51,16 @@ def upright_tip_angle_rad(
     law: BendingLaw,
     geometry: CellGeometry,
     end_length_mm: float = END_LENGTH_MM,
+    end_weight_factor: float = 1.0,
     gravity_factor: float = 1.0,
     stretching: bool = True,
 ) -> float:
     """Return the tip angle [rad]; the law is sampled as far as the weight's moments go.
 
     Args:
-        end_length_mm: straight piece at each end, of the waved part's mean weight per length.
+        end_length_mm: straight piece at each end.
+        end_weight_factor: its weight per length over the waved part's mean. The paper does not say how the ends are
+            made; solid silicone has about 2.
         gravity_factor: 0 switches the weight off.
         stretching: let the axis stretch as the law says; else it keeps its length.
 
@@ -66,9 +69,10 @@ def upright_tip_angle_rad(
         LawError, LoadStepError: the law cannot be sampled that far.
     """
     weight = weight_n_mm(geometry) * gravity_factor
+    ends = end_length_mm, end_weight_factor
     law.cover(-0.5, 0.5, 0.5 * _SAMPLE_STEP_RAD)
     while True:
-        march = _March(law, geometry.active_length_mm, end_length_mm, stretching)
+        march = _March(law, geometry.active_length_mm, ends, stretching)
         tip = march.tip_angle_rad(weight)
         needed = march.moments_n_mm(tip, weight)
         if law.moment_n_mm[0] <= min(needed) and max(needed) <= law.moment_n_mm[-1]:
@@ -79,11 +83,11 @@ def upright_tip_angle_rad(
 class _March:
     """Shooting from the tip. Beyond the samples the law goes on straight, for trial values only."""
 
-    def __init__(self, law: BendingLaw, active_length_mm: float, end_length_mm: float, stretching: bool) -> None:
+    def __init__(self, law: BendingLaw, active_length_mm: float, ends: tuple[float, float], stretching: bool) -> None:
         self._curve = law.bend_and_stretch_of_moment()
         self._slope = self._curve.derivative()
         self._range = float(law.moment_n_mm[0]), float(law.moment_n_mm[-1])
-        self._active, self._end, self._stretching = active_length_mm, end_length_mm, stretching
+        self._active, (self._end, self._end_weight), self._stretching = active_length_mm, ends, stretching
 
     def tip_angle_rad(self, weight: float) -> float:
         tip = self._bend_and_stretch(0.0)[0]
@@ -102,15 +106,16 @@ class _March:
     def _shoot(self, tip_angle_rad: float, weight: float) -> tuple[float, list[float]]:
         """Angle at the clamp, and the moments on the way."""
         step = self._active / _STEPS
-        angle, moment = tip_angle_rad, 0.5 * weight * self._end**2 * math.sin(tip_angle_rad)
+        tip_weight = weight * self._end_weight * self._end
+        angle, moment = tip_angle_rad, 0.5 * tip_weight * self._end * math.sin(tip_angle_rad)
         moments = [moment]
 
         def slopes(r: float, angle: float, moment: float) -> tuple[float, float]:
             bend, stretch = self._bend_and_stretch(moment)
-            return -bend / self._active, weight * r * stretch * math.sin(angle)
+            return -bend / self._active, (tip_weight + weight * r) * stretch * math.sin(angle)
 
         for index in range(_STEPS):
-            r = self._end + index * step
+            r = index * step
             a1, m1 = slopes(r, angle, moment)
             a2, m2 = slopes(r + 0.5 * step, angle + 0.5 * step * a1, moment + 0.5 * step * m1)
             a3, m3 = slopes(r + 0.5 * step, angle + 0.5 * step * a2, moment + 0.5 * step * m2)
