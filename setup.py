@@ -61,6 +61,7 @@ setup(
     entry_points={
         "console_scripts": [
             *(f"{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
+            f"calibrate_fe = {PACKAGE}.study.fe.calibrate_fe:main",
         ]
     },
 )

@@ -22,7 +22,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import felupe
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
@@ -31,6 +30,11 @@ from mbpam_ros.study.fe.chamber_volume import ChamberVolume
 from mbpam_ros.study.fe.material import Silicone, YeohMaterial
 from mbpam_ros.study.fe.mesh import CellGeometry, CellMesh, Resolution, unit_cell_mesh
 from mbpam_ros.study.fe.solve import LinearSolver, LoadStepError, StepControl, follow_load, linear_solver
+
+try:
+    import felupe
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError("the finite elements need FElupe: pip install '.[fem]'", name="felupe") from error
 
 _HALVES = 2.0  # the model is half the section
 

@@ -40,14 +40,22 @@ def rod_geometry():
 @pytest.mark.parametrize("moment", [5.0, 20.0, 43.5])
 def test_with_a_straight_law_it_is_the_planar_rod(moment):
     expected = rod_tip_angle(1e-3 * moment, 1919e-6, rod_geometry())
-    assert upright_tip_angle_rad(StraightLaw(moment, 1919.0), GEOMETRY) == pytest.approx(expected, abs=1e-6)
+    angle = upright_tip_angle_rad(StraightLaw(moment, 1919.0), GEOMETRY, end_weight_factor=1.0)
+    assert angle == pytest.approx(expected, abs=1e-6)
 
 
 def test_the_law_is_sampled_as_far_as_the_weight_bends():
     law = StraightLaw(43.5, 1919.0)
     upright_tip_angle_rad(law, GEOMETRY)
     # the weight's moment about the clamp cannot exceed weight times half the length
-    assert 3.0 < law.moment_n_mm[-1] < 0.5 * weight_n_mm(GEOMETRY) * 115.0**2
+    assert 2.0 < law.moment_n_mm[-1] < 0.5 * weight_n_mm(GEOMETRY) * 115.0**2
+
+
+def test_a_heavier_tip_bends_the_muscle_further():
+    none, same, solid = (
+        upright_tip_angle_rad(StraightLaw(20.0, 1919.0), GEOMETRY, end_weight_factor=factor) for factor in (0, 1, 2.1)
+    )
+    assert none < same < solid
 
 
 def test_without_weight_the_tip_has_the_free_bend():
