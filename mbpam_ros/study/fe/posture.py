@@ -29,7 +29,7 @@ END_LENGTH_MM = 15.0
 
 END_WEIGHT_FACTOR = 0.0
 """Weight per length of the ends over the waved part's mean. The paper does not say how the ends are made. Without
-weight the bends of Tables 1 and 2 come back best (3.9 % rms; 5.8 % with 1; 8.5 % with 2.1, which is solid silicone):
+weight the bends of Tables 1 and 2 come back best (3.8 % rms; 5.8 % with 1; 8.4 % with 2.1, which is solid silicone):
 a choice made on these tables, like that of c and n."""
 
 _STEPS = 40
