@@ -27,6 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from mbpam_ros.actuator.design import MuscleGeometry
+from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.actuator.planar_rod import blocked_tip_force_per_moment
 from mbpam_ros.actuator.tables import read_table
 from mbpam_ros.study.fe.law import BendingLaw, LawError
@@ -122,7 +123,9 @@ def nominal_values(run: Run) -> dict[str, object]:
     straight = cell.held_bend(pressure_mpa, 0.0)
     moment_n_mm = -straight.moment_n_mm
     length_m, end_m = 1e-3 * run.geometry.active_length_mm, 1e-3 * run.end_length_mm
-    rod = MuscleGeometry(1e-3 * run.geometry.outer_radius_mm, end_m, length_m, weight_n_mm(run.geometry) / 9.81e-3)
+    rod = MuscleGeometry(
+        1e-3 * run.geometry.outer_radius_mm, end_m, length_m, 1e3 * weight_n_mm(run.geometry) / GRAVITY_M_S2
+    )
     return {
         "free_bend_deg": math.degrees(free.angle_rad) * cell.angle_per_muscle,
         "theta_deg": math.degrees(upright_rad),

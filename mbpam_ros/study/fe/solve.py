@@ -22,8 +22,11 @@ class LoadStepError(RuntimeError):
     """The load could not be raised further. ``reached`` is the last load with an equilibrium."""
 
     def __init__(self, message: str, reached: float) -> None:
-        super().__init__(message)
+        super().__init__(message, reached)  # both, so that it can be pickled on its way from another process
         self.reached = reached
+
+    def __str__(self) -> str:
+        return self.args[0]
 
 
 def linear_solver(name: str | None = None) -> LinearSolver:

@@ -1,4 +1,5 @@
 import importlib.util
+import pickle
 import sys
 
 import numpy as np
@@ -29,6 +30,11 @@ def test_a_limit_point_is_an_error_that_names_the_load_reached():
     with pytest.raises(LoadStepError) as caught:  # q - q^2 never exceeds 1/4
         follow(lambda q, load: q - q**2 - 0.5 * load, lambda q, load: 1 - 2 * q)
     assert caught.value.reached == pytest.approx(0.5, abs=1e-3)
+
+
+def test_the_error_of_another_process_arrives_whole():
+    error = pickle.loads(pickle.dumps(LoadStepError("stopped at 12 kPa", 12.0)))
+    assert (str(error), error.reached) == ("stopped at 12 kPa", 12.0)
 
 
 def test_what_is_not_a_number_ends_a_step_and_not_the_run():
