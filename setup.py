@@ -50,12 +50,18 @@ setup(
     python_requires=">=3.10",
     install_requires=["setuptools", "numpy", "scipy", "numba", "opencv-python-headless", "pyyaml"],
     # Where ROS 2 is installed by the system, rclpy comes with it; elsewhere it comes as wheels: pip install .[ros]
-    extras_require={"ros": ROS_WHEELS, "report": ["matplotlib"], "test": TEST},
+    extras_require={
+        "ros": ROS_WHEELS,
+        "report": ["matplotlib"],
+        "fem": ["felupe>=11", "pypardiso"],  # offline finite elements; without pypardiso SciPy solves
+        "test": TEST,
+    },
     tests_require=TEST,
     zip_safe=True,
     entry_points={
         "console_scripts": [
             *(f"{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
+            f"calibrate_fe = {PACKAGE}.study.fe.calibrate_fe:main",
         ]
     },
 )

@@ -1,0 +1,272 @@
+"""Structured hexahedral mesh of the muscle's unit cell: half a wave (or more), half the cross-section.
+
+Muscle frame in millimetres: z along the muscle from a crest at z = 0. The outer radius is a cosine wave whose crests
+keep the muscle's radius R, the wall has the radial thickness c, the chambers are sharp-cornered sectors between the
+arms of a cross of thickness b:
+
+    r_o(z) = R - a/2 (1 - cos(2 pi z / lambda)),   r_i = r_o - c,   chamber 1: x, y > b/2, r < r_i,
+    lambda = active length / number of waves.
+
+One octant of the section (0 to 45 deg) is meshed with five blocks - three in the core of the cross, one in the arm,
+one in the wall - then mirrored and turned. The bending plane is y = 0 and the mesh fills y >= 0. It holds chambers 1
+and 2 for ``pdc`` (1 and its mirror image 4 under pressure); for ``psc`` the muscle is turned by -45 deg and half of
+chamber 1, all of chamber 2 and half of chamber 3 are in it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.configuration import require_positive
+
+PATTERNS = ("pdc", "psc")
+_FIRST_OCTANT = {"pdc": 0, "psc": 1}
+_OCTANTS = 4
+_SAME_POINT_MM = 1e-7
+
+# Node offsets of a cell, a face and an edge, in the node order of VTK (and FElupe), in half cells.
+_CORNERS = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (2, 2, 2), (0, 2, 2)]
+_CELL_MIDDLES = [(1, 0, 0), (2, 1, 0), (1, 2, 0), (0, 1, 0), (1, 0, 2), (2, 1, 2), (1, 2, 2), (0, 1, 2)]
+_CELL_MIDDLES += [(0, 0, 1), (2, 0, 1), (2, 2, 1), (0, 2, 1)]
+_FACE_CORNERS = [(0, 0), (2, 0), (2, 2), (0, 2)]
+_FACE_MIDDLES = [(1, 0), (2, 1), (1, 2), (0, 1)]
+
+
+class CellGeometryError(ValueError):
+    """These lengths do not make a muscle."""
+
+
+@dataclass(frozen=True)
+class CellGeometry:
+    """The muscle's waved part, in the paper's millimetres.
+
+    Args:
+        a_mm: full peak-to-valley amplitude of the wave.
+        b_mm: thickness of the cross-shaped base layer.
+        c_mm: radial thickness of the chamber wall. The paper does not state its value; 2.1 is our reading.
+        wave_count: number of waves n over the active length (our reading: 14).
+        active_length_mm: waved length.
+        outer_radius_mm: radius at the crests.
+
+    Raises:
+        CellGeometryError: the chambers would vanish in the valleys.
+        ValueError: a length is not positive and finite.
+    """
+
+    a_mm: float = 2.5
+    b_mm: float = 2.0
+    c_mm: float = 2.1
+    wave_count: float = 14.0
+    active_length_mm: float = 100.0
+    outer_radius_mm: float = 10.0
+
+    def __post_init__(self) -> None:
+        require_positive(self, "b_mm", "c_mm", "wave_count", "active_length_mm", "outer_radius_mm")
+        if not 0.0 <= self.a_mm < self.outer_radius_mm:
+            raise CellGeometryError(f"amplitude a = {self.a_mm} mm is not within 0 .. {self.outer_radius_mm} mm")
+        valley_mm = self.outer_radius_mm - self.a_mm - self.c_mm
+        if valley_mm <= 1.05 * math.sqrt(0.5) * self.b_mm:
+            raise CellGeometryError(
+                f"no chamber is left in the valleys: inner radius {valley_mm:g} mm, corner of the cross at "
+                f"{math.sqrt(0.5) * self.b_mm:g} mm; make a, b or c smaller"
+            )
+
+    @property
+    def wave_length_mm(self) -> float:
+        """Length of one wave [mm]."""
+        return self.active_length_mm / self.wave_count
+
+    def outer_radius_at(self, z_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the outer radius [mm] at ``z_mm``, a crest being at 0."""
+        return self.outer_radius_mm - 0.5 * self.a_mm * (1.0 - np.cos(2.0 * np.pi * z_mm / self.wave_length_mm))
+
+    def chamber_area_at(self, z_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the area [mm2] of one chamber's section: a quarter disc without the arms of the cross.
+
+        With h = b/2, r the inner radius and s = sqrt(r^2 - h^2): the sector between the two wall corners, minus the
+        two triangles between its sides and the chamber's corner (h, h).
+        """
+        r, h = self.outer_radius_at(z_mm) - self.c_mm, 0.5 * self.b_mm
+        s = np.sqrt(r**2 - h**2)
+        return 0.5 * r**2 * (0.5 * np.pi - 2.0 * np.arcsin(h / r)) - h * (s - h)
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """Numbers of elements, and their kind.
+
+    Args:
+        wave: along one wave (even).
+        wall: through the chamber wall.
+        arm: across half an arm of the cross (even).
+        spoke: along an arm, from the core to the wall.
+        sector: around half a chamber.
+        quadratic: 20-node hexahedra with reduced integration instead of trilinear ones with mean dilatation.
+
+    Raises:
+        ValueError: a number is not positive, or odd where it must be even.
+    """
+
+    wave: int = 8
+    wall: int = 2
+    arm: int = 2
+    spoke: int = 4
+    sector: int = 3
+    quadratic: bool = False
+
+    def __post_init__(self) -> None:
+        require_positive(self, "wave", "wall", "arm", "spoke", "sector")
+        if self.wave % 2 or self.arm % 2:
+            raise ValueError(f"wave = {self.wave} and arm = {self.arm} must be even")
+
+
+@dataclass(frozen=True, eq=False)
+class CellMesh:
+    """Mesh of a unit cell between the planes z = 0 and z = ``length_mm``.
+
+    Args:
+        points_mm: shape (nodes, 3), all in y >= 0.
+        cells: node numbers, shape (cells, 8 or 20), VTK order.
+        faces: per chamber (1, 2, 3) the wall faces, shape (faces, 4 or 8), normal pointing out of the gas.
+        rims: per chamber the edges around its opening at z = ``length_mm``, shape (edges, 2 or 3; the middle node
+            last), counter-clockwise around the gas seen from +z.
+        length_mm: of the cell.
+    """
+
+    points_mm: NDArray[np.float64]
+    cells: NDArray[np.int64]
+    faces: dict[int, NDArray[np.int64]]
+    rims: dict[int, NDArray[np.int64]]
+    length_mm: float
+
+
+def unit_cell_mesh(geometry: CellGeometry, resolution: Resolution, pattern: str, half_waves: int = 1) -> CellMesh:
+    """Return the mesh of ``half_waves`` half waves, beginning at a crest.
+
+    Raises:
+        ValueError: unknown pattern, or no half wave.
+    """
+    if pattern not in PATTERNS:
+        raise ValueError(f"unknown pattern {pattern!r}; known: {', '.join(PATTERNS)}")
+    if half_waves < 1:
+        raise ValueError(f"half_waves must be at least 1, found {half_waves}")
+    length = 0.5 * half_waves * geometry.wave_length_mm
+    order = 2 if resolution.quadratic else 1
+    z = np.linspace(0.0, length, resolution.wave // 2 * half_waves * order + 1)
+    blocks, patches = _octant(geometry, resolution, order, z)
+    solids: list[NDArray[np.float64]] = []
+    walls: list[tuple[int, NDArray[np.float64]]] = []
+    first = _FIRST_OCTANT[pattern]
+    for octant in range(first, first + _OCTANTS):
+        solids += [_placed(block, octant, first) for block in blocks]
+        walls += [(octant // 2 + 1, _placed(patch, octant, first)) for patch in patches]
+    return _merged(solids, walls, order, length)
+
+
+def _octant(
+    geometry: CellGeometry, resolution: Resolution, order: int, z: NDArray[np.float64]
+) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
+    """Blocks (i, j, k, 3) of the solid and patches (s, k, 3) of the chamber's boundary in 0 to 45 deg.
+
+    Every block's (i, j, k) is right-handed; every patch runs counter-clockwise around the gas.
+    """
+    half = 0.5 * geometry.b_mm
+    outer = geometry.outer_radius_at(z)
+    inner = outer - geometry.c_mm
+    arm, wall, spoke, sector = (
+        order * n for n in (resolution.arm, resolution.wall, resolution.spoke, resolution.sector)
+    )
+
+    corners = half * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    middle = corners.mean(axis=0)
+    blocks = []
+    for index in range(3):  # a triangle cut into three quadrilaterals
+        here, after, before = corners[index], corners[(index + 1) % 3], corners[index - 1]
+        flat = _bilinear(here, 0.5 * (here + after), middle, 0.5 * (here + before), arm // 2)
+        blocks.append(_extruded(np.broadcast_to(flat[:, :, None, :], (*flat.shape[:2], z.size, 2)), z))
+
+    y = np.linspace(0.0, half, arm + 1)
+    arm_angle = np.arcsin(y[:, None] / inner)  # (j, k)
+    along = np.linspace(0.0, 1.0, spoke + 1)[:, None, None]
+    x = (1.0 - along) * half + along * inner * np.cos(arm_angle)
+    blocks.append(_extruded(np.stack([x, np.broadcast_to(y[:, None], x.shape)], axis=-1), z))
+
+    around = np.linspace(0.0, 1.0, sector + 1)[1:, None]
+    angle = np.concatenate([arm_angle, (1.0 - around) * arm_angle[-1] + around * 0.25 * np.pi])
+    radius = inner + np.linspace(0.0, 1.0, wall + 1)[:, None, None] * (outer - inner)
+    blocks.append(_extruded(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), z))
+    return blocks, [blocks[3][:, -1], blocks[4][0, arm:]]
+
+
+def _bilinear(p00: NDArray, p10: NDArray, p11: NDArray, p01: NDArray, count: int) -> NDArray[np.float64]:
+    s = np.linspace(0.0, 1.0, count + 1)[:, None, None]
+    t = np.linspace(0.0, 1.0, count + 1)[None, :, None]
+    return (1 - s) * (1 - t) * p00 + s * (1 - t) * p10 + s * t * p11 + (1 - s) * t * p01
+
+
+def _extruded(section: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Append z to a section (i, j, k, 2)."""
+    return np.concatenate([section, np.broadcast_to(z[:, None], (*section.shape[:-1], 1))], axis=-1)
+
+
+def _placed(points: NDArray[np.float64], octant: int, first: int) -> NDArray[np.float64]:
+    """Move points of octant 0 to ``octant`` of a muscle turned by ``-45 first`` deg, orientation kept."""
+    if octant % 2:  # the mirror image in the line x = y
+        points = points[::-1][..., [1, 0, 2]]
+    angle = 0.25 * np.pi * (2 * (octant // 2) - first)
+    cosine, sine = math.cos(angle), math.sin(angle)
+    turned = points.copy()
+    turned[..., 0] = cosine * points[..., 0] - sine * points[..., 1]
+    turned[..., 1] = sine * points[..., 0] + cosine * points[..., 1]
+    return turned
+
+
+def _merged(
+    solids: list[NDArray[np.float64]], walls: list[tuple[int, NDArray[np.float64]]], order: int, length: float
+) -> CellMesh:
+    """Number coinciding points once, cut the blocks into elements and drop the nodes no element has."""
+    arrays = [*solids, *(patch for _, patch in walls)]
+    points = np.concatenate([array.reshape(-1, 3) for array in arrays])
+    _, first, number = np.unique(
+        np.round(points / _SAME_POINT_MM).astype(np.int64), axis=0, return_index=True, return_inverse=True
+    )
+    numbers = np.split(number.ravel(), np.cumsum([array[..., 0].size for array in arrays])[:-1])
+    numbers = [ids.reshape(array.shape[:-1]) for ids, array in zip(numbers, arrays, strict=True)]
+    offsets = _CORNERS + (_CELL_MIDDLES if order == 2 else [])
+    cells = np.concatenate([_elements(ids, offsets, order) for ids in numbers[: len(solids)]])
+    used, renumbered = np.unique(cells, return_inverse=True)
+    new_number = np.full(first.size, -1)
+    new_number[used] = np.arange(used.size)
+
+    face_offsets = _FACE_CORNERS + (_FACE_MIDDLES if order == 2 else [])
+    faces: dict[int, list[NDArray[np.int64]]] = {}
+    rims: dict[int, list[NDArray[np.int64]]] = {}
+    for (chamber, _), ids in zip(walls, numbers[len(solids) :], strict=True):
+        faces.setdefault(chamber, []).append(new_number[_elements(ids, face_offsets, order)])
+        rim = ids[:, -1]
+        ends = [rim[:-1:order], rim[order::order]] + ([rim[1::order]] if order == 2 else [])
+        rims.setdefault(chamber, []).append(new_number[np.stack(ends, axis=1)])
+    kept = points[first[used]]
+    kept[np.abs(kept) < _SAME_POINT_MM] = 0.0
+    return CellMesh(
+        points_mm=kept,
+        cells=renumbered.reshape(cells.shape),
+        faces={chamber: np.concatenate(parts) for chamber, parts in faces.items()},
+        rims={chamber: np.concatenate(parts) for chamber, parts in rims.items()},
+        length_mm=length,
+    )
+
+
+def _elements(ids: NDArray[np.int64], offsets: list[tuple[int, ...]], order: int) -> NDArray[np.int64]:
+    """Node numbers of all elements of a block of nodes, shape (elements, len(offsets))."""
+    counts = [(size - 1) // order for size in ids.shape]
+    columns = []
+    for offset in offsets:
+        starts = [step * order // 2 for step in offset]
+        window = tuple(slice(s, s + order * (n - 1) + 1, order) for s, n in zip(starts, counts, strict=True))
+        columns.append(ids[window].ravel())
+    return np.stack(columns, axis=1)

@@ -1,0 +1,28 @@
+import ast
+from pathlib import Path
+
+import mbpam_ros
+
+PACKAGE = Path(mbpam_ros.__file__).parent
+FE = PACKAGE / "study" / "fe"
+
+
+def imports_of(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module
+
+
+def test_nothing_outside_the_finite_elements_needs_them():
+    others = [path for path in PACKAGE.rglob("*.py") if FE not in path.parents]
+    assert len(others) > 30
+    for path in others:
+        wanted = [name for name in imports_of(path) if name.startswith(("felupe", "pypardiso", "mbpam_ros.study.fe"))]
+        assert not wanted, path
+
+
+def test_only_the_unit_cell_talks_to_felupe():
+    users = {path.name for path in FE.glob("*.py") if any(name == "felupe" for name in imports_of(path))}
+    assert users == {"unit_cell.py"}

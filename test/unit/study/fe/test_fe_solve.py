@@ -1,0 +1,60 @@
+import importlib.util
+import pickle
+import sys
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_matrix
+
+from mbpam_ros.study.fe import solve
+from mbpam_ros.study.fe.solve import LoadStepError, StepControl, follow_load, linear_solver
+
+SUPERLU = linear_solver("superlu")
+
+
+def follow(residual, tangent, start=0.0, control=None):
+    def force(q, load):
+        return np.array([residual(q[0], load)])
+
+    def slope(q, load):
+        return csr_matrix([[tangent(q[0], load)]])
+
+    return follow_load(force, slope, np.array([start]), SUPERLU, control)[0]
+
+
+def test_a_nonlinear_spring_is_followed_to_its_load():
+    assert follow(lambda q, load: q + q**3 - 10.0 * load, lambda q, load: 1 + 3 * q**2) == pytest.approx(2.0, abs=1e-7)
+
+
+def test_a_limit_point_is_an_error_that_names_the_load_reached():
+    with pytest.raises(LoadStepError) as caught:  # q - q^2 never exceeds 1/4
+        follow(lambda q, load: q - q**2 - 0.5 * load, lambda q, load: 1 - 2 * q)
+    assert caught.value.reached == pytest.approx(0.5, abs=1e-3)
+
+
+def test_the_error_of_another_process_arrives_whole():
+    error = pickle.loads(pickle.dumps(LoadStepError("stopped at 12 kPa", 12.0)))
+    assert (str(error), error.reached) == ("stopped at 12 kPa", 12.0)
+
+
+def test_what_is_not_a_number_ends_a_step_and_not_the_run():
+    """A step of 0.25 would leave the domain of the logarithm; smaller ones do not."""
+    with_guard = follow(
+        lambda q, load: np.log(1.0 - q) + 5.0 * load,
+        lambda q, load: -1.0 / (1.0 - q),
+        control=StepControl(first_step=1.0, largest_step=1.0),
+    )
+    assert with_guard == pytest.approx(1.0 - np.exp(-5.0), abs=1e-7)
+
+
+def test_without_pypardiso_scipys_solver_takes_over(monkeypatch):
+    found = importlib.util.find_spec
+    monkeypatch.setattr(solve.importlib.util, "find_spec", lambda name: None if name == "pypardiso" else found(name))
+    monkeypatch.setitem(sys.modules, "pypardiso", None)  # an import would fail
+    matrix = csr_matrix([[2.0, 1.0], [1.0, 3.0]])
+    assert linear_solver()(matrix, np.array([3.0, 4.0])) == pytest.approx([1.0, 1.0])
+
+
+def test_an_unknown_solver_is_refused():
+    with pytest.raises(ValueError, match="pardiso, superlu"):
+        linear_solver("magic")
