@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mbpam_ros.nodes.system import NODES, NodeProcesses, Operator  # isort: skip
+from mbpam_ros.nodes.system import NODES, NodeProcesses, NodeSystemError, Operator  # isort: skip
 import numpy as np
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -53,7 +53,10 @@ class Gripper:
         self.operator.wait_for(predicate, timeout_s, what)
 
     def wait_for_phase(self, phase: str) -> None:
-        self.wait_for(lambda: self.grasp.get("phase") == phase, f"phase {phase}")
+        try:
+            self.wait_for(lambda: self.grasp.get("phase") == phase, f"phase {phase}")
+        except NodeSystemError as error:
+            raise AssertionError(f"{error}; the arbiter says {self.grasp}") from error
 
     def enable(self) -> None:
         answer = self.operator.call(SetBool, "valve_controller/enable", SetBool.Request(data=True))
