@@ -38,6 +38,7 @@ HELD_SHARE = 0.9
 
 HOLD_TIME_S = 1.0
 PATIENCE_S = 10.0
+RETRY_S = 0.25
 
 
 @dataclass
@@ -264,7 +265,8 @@ def _ask_patiently(operator: Operator, service_type: type, name: str) -> str:
         except NodeSystemError:
             if time.monotonic() > deadline:
                 raise
-            operator.spin(0.1)
+            again_at = time.monotonic() + RETRY_S
+            operator.wait_for(lambda again_at=again_at: time.monotonic() > again_at, PATIENCE_S, "the next try")
 
 
 def _size(marker: Marker) -> tuple[float, float, float]:
