@@ -6,7 +6,7 @@ import dataclasses
 import sys
 import time
 
-from mbpam_ros.nodes.runtime import STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, run  # isort: skip
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
@@ -81,7 +81,7 @@ class PlantNode(GripperNode):
         self._transducers = self.create_publisher(JointState, "transducers", STREAM)
         self._markers = self.create_publisher(MarkerArray, "plant/finger_markers", STREAM)
         self._clock_topic = self.create_publisher(Clock, "/clock", STREAM) if self.value("publish_clock") else None
-        self.create_subscription(JointState, "valve_commands", self._on_valve_commands, STREAM)
+        self.create_subscription(JointState, "valve_commands", self._on_valve_commands, NEWEST)
         self.create_service(Trigger, "plant/reset", self._on_reset)
         self.create_service(Trigger, "plant/lift", lambda _, response: _answer(response, self._plant.lift()))
         self.create_service(Trigger, "plant/lower", lambda _, response: _answer(response, self._plant.lower()))
