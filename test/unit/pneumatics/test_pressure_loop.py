@@ -25,7 +25,7 @@ class Loop:
         self.plant.reset(start_pa)
         self.transducer = Transducer(CONFIG.transducer, 16, seed)
         self.sensing = PressureSensing(CONFIG.sensing, CONFIG.transducer)
-        self.controller = PressureController(CONFIG.controller, 110e3)
+        self.controller = PressureController(CONFIG.controller, 110e3, 120e3)
         self.controller.request(np.full(16, start_pa))
         self.controller.enable(True)
         self.commands = deque([np.zeros(16)] * delay_samples)
