@@ -6,7 +6,7 @@ import pytest
 
 from mbpam_ros.configuration import ConfigError, load_yaml, parse_config
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.pneumatics.chamber import PNEUMATIC_MODELS, build_pneumatics
+from mbpam_ros.pneumatics.chamber import build_pneumatics, pneumatic_model_names
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
 from mbpam_ros.pneumatics.controller import PressureController
 
@@ -19,7 +19,7 @@ def changed(section, key, value):
 
 def test_the_shipped_file_builds_every_part():
     config = load_pneumatics()
-    assert config.model in PNEUMATIC_MODELS
+    assert config.model in pneumatic_model_names()
     build_pneumatics(config.model, config.chamber)
     gripper = load_gripper()
     PressureController(config.controller, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa)

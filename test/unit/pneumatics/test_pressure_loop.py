@@ -114,6 +114,13 @@ def test_other_plants_than_the_assumed_one_settle_a_little_later_without_more_ov
     assert overshoot(pressures, start_pa, target_pa) <= 0.05
 
 
+@pytest.mark.parametrize(("start_pa", "target_pa"), [(0.0, 80e3), (0.0, 20e3), (20e3, 100e3), (100e3, 80e3)])
+def test_on_orifices_and_a_volume_that_grows_it_settles_a_little_later_without_more_overshoot(start_pa, target_pa):
+    pressures, _ = step_response(start_pa, target_pa, model="iso6358")
+    assert settling_time_s(pressures, target_pa, 0.02 * target_pa) <= 0.55
+    assert overshoot(pressures, start_pa, target_pa) <= 0.05
+
+
 def test_at_low_pressure_the_loop_gain_stays_bounded():
     # The ideal plant does not slow down toward ambient as the feed-forward assumes.
     pressures, _ = step_response(60e3, 5e3, model="ideal")
