@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import re
 import types
 import typing
 from pathlib import Path
@@ -21,6 +22,17 @@ PACKAGE = "mbpam_ros"
 DIRECTORY_VARIABLE = "MBPAM_CONFIG_DIR"
 
 Config = TypeVar("Config")
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML's safe loader, but for keys that stand twice: YAML forbids them, PyYAML lets the last one win."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        names = [key.value for key, _ in node.value]
+        for key, _ in node.value:
+            if names.count(key.value) > 1:
+                raise yaml.constructor.ConstructorError(None, None, f"key {key.value} stands twice", key.start_mark)
+        return super().construct_mapping(node, deep)
 
 
 class ConfigError(ValueError):
@@ -70,7 +82,7 @@ def load_yaml(name: str | Path) -> dict[str, Any]:
     """
     path = config_path(name)
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.load(path.read_text(encoding="utf-8"), _Loader)  # a safe loader
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not valid YAML: {error}") from error
     if not isinstance(content, dict):
@@ -168,5 +180,8 @@ def _convert_scalar(expected: type, value: Any, where: str) -> Any:
             raise ConfigError(f"{where}: expected a finite number, found {value}")
         return float(value)
     if expected is int and isinstance(value, bool) or not isinstance(value, expected):
-        raise ConfigError(f"{where}: expected {expected.__name__}, found {value!r}")
+        hint = ""
+        if expected is float and isinstance(value, str) and re.fullmatch(r"[-+]?[0-9.]+[eE][0-9]+", value):
+            hint = f"; YAML reads it as text, write {value.lower().replace('e', 'e+')} with a point"
+        raise ConfigError(f"{where}: expected {expected.__name__}, found {value!r}{hint}")
     return value

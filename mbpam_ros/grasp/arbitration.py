@@ -243,7 +243,7 @@ class Arbiter:
         self._config = config
         self._modes = modes
         self._selector = selector
-        self._over_pressure_pa = over_pressure_gauge_pa
+        self._limit_pa, self._over_pressure_pa = pressure_limit_gauge_pa, over_pressure_gauge_pa
         self._time_s = -math.inf
         self._clock_offset_s = 0.0
         self._pressure_pa = np.full(CHANNEL_COUNT, np.nan)
@@ -254,11 +254,17 @@ class Arbiter:
         self._touched_at_s = -math.inf
         self._unhealthy: dict[str, str] = {}
         self._situation = _OPEN
+        self._started = False
         self._since_s = 0.0
         self._settled_changed_s = 0.0
         self._was_settled = False
         self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
         self._last: tuple[_Situation, Contact] | None = None
+
+    @property
+    def started(self) -> bool:
+        """Whether all pressures have been read once, so that the set-points mean something."""
+        return self._started
 
     # Observations
 
@@ -275,6 +281,13 @@ class Arbiter:
         valid = np.isfinite(pressure_pa)
         self._pressure_pa = np.where(valid, pressure_pa, np.nan)
         self._valid_at_s[valid] = self._time_s
+        if not self._started and valid.all():
+            self._started = True
+            up = self._pressure_pa >= self._config.open_below_gauge_pa
+            if up.any() and self._situation.phase is Phase.IDLE:  # an arbiter before this one may hold something
+                kept_pa = np.where(up, np.minimum(self._pressure_pa, self._limit_pa), 0.0)
+                self._setpoint_pa = _read_only(kept_pa)
+                self._fault(f"started with air in {_channels(up)}, which may hold an object", Air.HOLD)
         self._update(time_s)
 
     def observe_detections(self, time_s: float, objects: Sequence[DetectedObject]) -> None:

@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from mbpam_ros.nodes.system import NODES, NodeProcesses, NodeSystemError, Operator  # isort: skip
+from mbpam_ros.nodes.system import NODES, NodeProcesses, NodeSystemError, Operator, exit_on_stop_signals  # isort: skip
 import numpy as np
 import psutil
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -395,6 +395,7 @@ def main() -> int:
     options = parser.parse_args()
     if min(options.windows, options.calls) < 1 or not options.window_s > 0.0:
         parser.error("--windows, --window-s and --calls must be greater than 0")
+    exit_on_stop_signals()
     here = machine()
     print("  ".join(f"{key}: {value}" for key, value in here.items()))
     bench = Bench(Plan(options.scene, options.windows, options.window_s, options.calls, options.logs))

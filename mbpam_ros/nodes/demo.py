@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from mbpam_ros.nodes.system import NODES, NodeProcesses, NodeSystemError, Operator  # isort: skip
+from mbpam_ros.nodes.system import NODES, NodeProcesses, NodeSystemError, Operator, exit_on_stop_signals  # isort: skip
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from domain_coordinator import domain_id
@@ -310,6 +310,7 @@ def main() -> int:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the table as JSON")
     parser.add_argument("--report", type=Path, default=Path("report"), metavar="DIR", help="pictures and logs go here")
     options = parser.parse_args()
+    exit_on_stop_signals()
     line = LiveLine()
     results: list[GraspResult] = []
     failures: list[str] = []

@@ -6,10 +6,12 @@ matrices here are small and idle threads cost the other nodes their core.
 """
 
 import os
+from contextlib import suppress
 
-from mbpam_ros.configuration import config_directory
+from mbpam_ros.configuration import ConfigError, config_path
 
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-os.environ.setdefault("FASTDDS_DEFAULT_PROFILES_FILE", str(config_directory() / "fastdds_profile.xml"))
+with suppress(ConfigError):  # without it nodes run all the same, or say themselves what they miss
+    os.environ.setdefault("FASTDDS_DEFAULT_PROFILES_FILE", str(config_path("fastdds_profile.xml")))
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -27,16 +27,18 @@ PARAMETERS = (
     Parameter("gripper", "gripper.yaml", "gripper file: layout and pressure limit"),
     Parameter("modes", "modes.yaml", "mode file: bend azimuths of the four modes"),
     Parameter("grasp", "grasp.yaml", "grasp file: selection thresholds, grip pressures, times"),
+    Parameter("pressure_sensor_node", "pressure_sensor", "name of the node that senses the pressures"),
+    Parameter("valve_controller_node", "valve_controller", "name of the node that moves the valves"),
     Parameter("tick_rate_hz", 50.0, "rate of the state machine [Hz]", 5.0, 1000.0),
 )
 
 SETPOINT_REPEAT_S = 0.5
 
 WATCHED_NODES = ("pressure_sensor", "valve_controller")
-"""Nodes of the same namespace whose faults stop a grasp."""
+"""Nodes of the same namespace whose faults stop a grasp; without their reports none begins."""
 
 SILENCE_S = 3.5
-"""A watched node that has reported its health and then does not for three periods counts as ended."""
+"""A watched node that does not report its health for three periods counts as ended."""
 
 
 class GraspArbiterNode(GripperNode):
@@ -55,7 +57,10 @@ class GraspArbiterNode(GripperNode):
         except ValueError as error:
             raise ConfigError(f"{self.value('grasp')}: {error}") from error
         prefix = self.get_namespace().rstrip("/")
-        self._watched = {f"{prefix}/{name}": name for name in WATCHED_NODES}
+        self._watched = {f"{prefix}/{self.value(f'{name}_node')}": name for name in WATCHED_NODES}
+        for full_name, source in self._watched.items():
+            reason = f"no health report from {full_name} yet; start it, or name it by the parameter {source}_node"
+            self._arbiter.observe_health(self.now_s(), source, False, reason)
         self._reported_s: dict[str, float] = {}
         self._decision: Decision | None = None
 
@@ -120,7 +125,8 @@ class GraspArbiterNode(GripperNode):
         self.publish_health_change()
 
     def _publish_setpoints(self) -> None:
-        if self._decision is not None:
+        # Before the first pressures nobody knows whether the chambers hold something: zeros would drop it.
+        if self._decision is not None and self._arbiter.started:
             stamp = self.get_clock().now().to_msg()
             self._setpoints.publish(joint_state(stamp, CHANNEL_NAMES, effort=self._decision.setpoint_gauge_pa))
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import array
+import copy
 import sys
+from collections.abc import Callable
+from typing import Any
 
 from mbpam_ros.nodes.runtime import STREAM, GripperNode, Health, run  # isort: skip
 import cv2
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -30,6 +34,7 @@ PARAMETERS = (
 )
 
 CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1}
+LENS_MODELS = ("", "plumb_bob", "rational_polynomial")
 SHAPE_RGB = (0.2, 0.8, 0.3)
 
 
@@ -45,28 +50,44 @@ class ObjectDetectorNode(GripperNode):
         self._intrinsics: Intrinsics | None = None
         self._distortion: NDArray[np.float64] | None = None
         self._seen_at_s: float | None = None
+        self._refusals: dict[str, str] = {}
         self._found: list[Detection] = []
         self._found_in: tuple[object, ...] | None = None
 
         self._detections = self.create_publisher(MarkerArray, "detections", STREAM)
         self._overlay = self.create_publisher(CompressedImage, "detections/image", STREAM)
-        self.create_subscription(CameraInfo, "camera/camera_info", self._on_camera_info, STREAM)
-        self.create_subscription(Image, "camera/image_raw", self._on_image, STREAM)
+        self._listen_to_camera(CameraInfo, "camera/camera_info", self._on_camera_info)
+        self._listen_to_camera(Image, "camera/image_raw", self._on_image)
 
     def health(self) -> Health:
-        """WARN while no image comes."""
+        """WARN while no image comes or none can be used."""
+        if self._refusals:
+            refusals = (f"{source} refused: {reason}" for source, reason in self._refusals.items())
+            return Health(DiagnosticStatus.WARN, "; ".join(refusals))
         if self._intrinsics is None:
             return Health(DiagnosticStatus.WARN, "no camera_info received on 'camera/camera_info'")
         if self._seen_at_s is None or self.now_s() - self._seen_at_s > 2.0:
             return Health(DiagnosticStatus.WARN, "no image received on 'camera/image_raw' for 2 s")
         return Health(message=f"{len(self._found)} objects in view")
 
+    def _listen_to_camera(self, message_type: type, topic: str, callback: Callable[[Any], None]) -> None:
+        """Subscribe reliably, as large images need, unless a parameter ``qos_overrides.<topic>...`` says otherwise."""
+        qos = copy.copy(STREAM)  # rclpy writes the overrides into the profile it is given
+        overrides = QoSOverridingOptions.with_default_policies()
+        self.create_subscription(message_type, topic, callback, qos, qos_overriding_options=overrides)
+
     def _on_camera_info(self, message: CameraInfo) -> None:
         try:
+            if message.distortion_model not in LENS_MODELS:
+                raise CameraError(
+                    f"distortion_model {message.distortion_model!r} is none of {', '.join(LENS_MODELS[1:])}; "
+                    "publish rectified images with their CameraInfo"
+                )
             self._intrinsics = Intrinsics.from_camera_info(message.width, message.height, message.k)
             self._distortion = np.array(message.d)
+            self._refusals.pop("camera_info", None)
         except CameraError as error:
-            self.refuse("camera_info", error)
+            self._refuse("camera_info", error)
 
     def _on_image(self, message: Image) -> None:
         now_s = self.now_s()
@@ -87,11 +108,16 @@ class ObjectDetectorNode(GripperNode):
                 )
                 self._found_in = view
         except (ImageError, CameraError) as error:
-            self.refuse("image", error)
+            self._refuse("image", error)
             return
+        self._refusals.pop("image", None)
         self._publish_detections(message)
         if self._overlay.get_subscription_count() > 0:
             self._publish_overlay(message, image)
+
+    def _refuse(self, source: str, error: ImageError | CameraError) -> None:
+        self._refusals[source] = str(error)
+        self.refuse(source, error)
 
     def _publish_detections(self, message: Image) -> None:
         stamp = message.header.stamp

@@ -217,7 +217,8 @@ class PlantNode(GripperNode):
         self._before_reset_s += self._plant.time_s
         self._plant.reset()
         self._spool = np.zeros(CHANNEL_COUNT)
-        response.success, response.message = True, f"scene {self._scene.name} is back at its start"
+        response.success = True
+        response.message = f"scene {self._scene.name} is back at its start; set-points stand until grasp/release"
         return response
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
@@ -39,6 +40,8 @@ TEAR_DOWN_TIMEOUT_S = 5.0
 callbacks for ever, at full load and with the interpreter locked (as in its issue 6513): the process then just ends."""
 
 WARNING_PERIOD_S = 1.0
+
+CLOCK_PATIENCE_S = 5.0
 
 
 @dataclass
@@ -72,6 +75,10 @@ class GripperNode(Node):
         self._warned_at: dict[str, float] = {}
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_timer(1.0, self.publish_health)
+        if self.value("use_sim_time"):
+            self.create_timer(
+                CLOCK_PATIENCE_S, self._warn_of_missing_clock, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            )
 
     @abstractmethod
     def health(self) -> Health:
@@ -98,6 +105,9 @@ class GripperNode(Node):
         self.failure = f"{self.get_name()}: {error}"
         self.publish_health()
 
+    def leave(self) -> None:
+        """Do what must be done before the node ends on a signal or a failure, e.g. a last command."""
+
     def publish_health(self) -> None:
         """Publish the health report now."""
         health = Health(DiagnosticStatus.ERROR, self.failure) if self.failure else self.health()
@@ -113,6 +123,11 @@ class GripperNode(Node):
         report = DiagnosticArray(status=[status])
         report.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(report)
+
+    def _warn_of_missing_clock(self) -> None:
+        """Speak while time stands still and every other timer is silent."""
+        if self.now_s() == 0.0:
+            self.get_logger().warning("use_sim_time is set and nothing comes on /clock: time stands still")
 
     def publish_health_change(self) -> None:
         """Publish the health report at once if its level changed since the last one."""
@@ -144,6 +159,8 @@ def run(*factories: Callable[[], GripperNode], arguments: Sequence[str] | None =
         code = _live(executor, nodes, factories, stop_requested)
     finally:
         with exits_after(TEAR_DOWN_TIMEOUT_S, code):
+            for node in nodes:
+                node.leave()
             executor.shutdown()
             for node in nodes:
                 node.destroy_node()

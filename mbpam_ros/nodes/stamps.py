@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-RESTART_S = 1.0
+from mbpam_ros.nodes.messages import MessageError
 
 
 class StampClock:
@@ -10,8 +10,8 @@ class StampClock:
 
     Samples count by their stamps, so that what is computed from them does not depend on when they were delivered;
     between samples time goes on with the node's clock. The two differ by the transport's delay, so a stamp a little
-    before a moment already reported counts as that moment. A stamp more than 1 s back is a clock started anew and is
-    passed on as it is.
+    before a moment already reported counts as that moment. A stamp before the last sample's is a clock set back and is
+    passed on as it is; the same stamp again is no new sample.
     """
 
     def __init__(self) -> None:
@@ -20,9 +20,15 @@ class StampClock:
         self._received_s = 0.0
 
     def sample(self, stamp_s: float, now_s: float) -> float:
-        """Return the time of a sample stamped ``stamp_s`` and received at ``now_s`` [s]."""
+        """Return the time of a sample stamped ``stamp_s`` and received at ``now_s`` [s].
+
+        Raises:
+            MessageError: the stamp is that of the last sample, so nobody can say how old this one is.
+        """
+        if self._time_s is not None and stamp_s == self._stamp_s:
+            raise MessageError(f"header.stamp stands still at {stamp_s:.3f} s; stamp every sample with its own time")
+        restarted = self._time_s is None or stamp_s < self._stamp_s
         self._stamp_s, self._received_s = stamp_s, now_s
-        restarted = self._time_s is None or stamp_s < self._time_s - RESTART_S
         self._time_s = stamp_s if restarted else max(stamp_s, self._time_s)
         return self._time_s
 

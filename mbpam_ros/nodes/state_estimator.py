@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import replace
 
@@ -29,6 +30,9 @@ PARAMETERS = (
     Parameter("marker_rate_hz", 10.0, "rate of finger_markers [Hz]", 0.1, 100.0),
 )
 
+STALE_S = 0.5
+"""Without pressures for longer than this the state of the fingers is not known."""
+
 
 class StateEstimatorNode(GripperNode):
     """Adapter around :class:`BendEstimator`."""
@@ -46,6 +50,7 @@ class StateEstimatorNode(GripperNode):
             place = f"{self.value('gripper')}, metamodel {gripper.metamodel}"
             raise ConfigError(f"{place}: no rod law for this muscle: {error}") from error
         self._estimate: GripperEstimate | None = None
+        self._received_s = -math.inf
 
         self._joints = self.create_publisher(JointState, "joint_states", STREAM)
         self._tips = self.create_publisher(PoseArray, "finger_tips", STREAM)
@@ -59,6 +64,8 @@ class StateEstimatorNode(GripperNode):
         values = {"metamodel": self._gripper.metamodel, "target": self._gripper.target}
         if self._estimate is None:
             return Health(DiagnosticStatus.ERROR, "no pressures received on 'chamber_states'", values)
+        if self._is_stale():
+            return Health(DiagnosticStatus.ERROR, f"no pressures on 'chamber_states' for {STALE_S:g} s", values)
         unknown = np.flatnonzero(np.isnan(self._estimate.bend_rad).any(axis=1))
         if len(unknown):
             names = ", ".join(FINGER_NAMES[i] for i in unknown)
@@ -66,11 +73,15 @@ class StateEstimatorNode(GripperNode):
         values["bend_sigma_max_deg"] = f"{np.degrees(self._estimate.bend_sigma_rad.max()):.2f}"
         return Health(message="4 fingers estimated", values=values)
 
+    def _is_stale(self) -> bool:
+        return self.now_s() - self._received_s > STALE_S
+
     def _on_chamber_states(self, message: JointState) -> None:
         variance_pa2 = np.full(CHANNEL_COUNT, self.value("pressure_sigma_pa") ** 2)
         try:
             pressure_gauge_pa = named_values(message, CHANNEL_NAMES, "effort")
             self._estimate = self._estimator.update(seconds(message.header.stamp), pressure_gauge_pa, variance_pa2)
+            self._received_s = self.now_s()
         except (MessageError, ValueError) as error:
             self.refuse("chamber_states", error)
             return
@@ -95,7 +106,7 @@ class StateEstimatorNode(GripperNode):
         self._tips.publish(tips)
 
     def _publish_markers(self) -> None:
-        if self._estimate is None or self._markers.get_subscription_count() == 0:
+        if self._estimate is None or self._is_stale() or self._markers.get_subscription_count() == 0:
             return
         lines = self._estimator.centrelines(self._estimate.bend_rad)
         stamp = self.get_clock().now().to_msg()

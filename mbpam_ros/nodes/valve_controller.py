@@ -44,7 +44,7 @@ class ValveControllerNode(GripperNode):
         self._clock_of_pressures = StampClock()
         self._switched_on: bool = self.value("enable_at_start")
         self._air = Air.REGULATE
-        self._controller.enable(self._switched_on)
+        self._has_setpoints = False
 
         self._commands = self.create_publisher(JointState, "valve_commands", STREAM)
         self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
@@ -69,11 +69,21 @@ class ValveControllerNode(GripperNode):
             return Health(DiagnosticStatus.WARN, "air is off; call valve_controller/enable", values)
         return Health(message="16 loops running", values=values)
 
+    def leave(self) -> None:
+        """Close the valves (or vent, where all vents): nobody will move them afterwards."""
+        opening = -1.0 if self._air is Air.VENT else 0.0
+        now = self.get_clock().now().to_msg()
+        self._commands.publish(joint_state(now, CHANNEL_NAMES, position=[opening] * len(CHANNEL_NAMES)))
+
     def _on_setpoints(self, message: JointState) -> None:
         try:
             self._controller.request(named_values(message, CHANNEL_NAMES, "effort"))
         except (MessageError, SetpointError) as error:
             self.refuse("pressure_setpoints", error)
+            return
+        if not self._has_setpoints:
+            self._has_setpoints = True
+            self._apply_switches()
 
     def _on_chamber_states(self, message: JointState) -> None:
         try:
@@ -124,7 +134,8 @@ class ValveControllerNode(GripperNode):
             self._controller.enable(False)
         else:
             self._controller.enable(True)  # ends a vent, also where the air is switched off
-            self._controller.enable(self._switched_on)
+            # Started beside a gripper that holds, it must not take its own zeros for set-points.
+            self._controller.enable(self._switched_on and self._has_setpoints)
         self.publish_health()
 
 

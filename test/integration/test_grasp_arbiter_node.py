@@ -103,6 +103,13 @@ class Grasp:
         status = DiagnosticStatus(name=name, level=level, message=message, values=pairs)
         self.diagnostics.publish(DiagnosticArray(status=[status]))
 
+    def report_both_well(self, *names):
+        """Have both watched nodes report that they are well, and wait until the node has heard it."""
+        for name in names or ("/pressure_sensor", "/valve_controller"):
+            self.report(name, DiagnosticStatus.OK, "well")
+        arbiter = self.node._arbiter
+        self.graph.spin_until(lambda: "report" not in (arbiter.obstacle(self.time_s) or ""), "the reports taken")
+
     @property
     def state(self):
         return {item.key: item.value for item in self.states[-1].values} if self.states else {}
@@ -120,7 +127,51 @@ class Grasp:
 def grasp(graph):
     ready = Grasp(graph)
     ready.tick_until(lambda: ready.phase == "idle", "the first state")
+    ready.report_both_well()
     return ready
+
+
+def test_without_reports_of_sensor_and_valves_no_grasp_begins_and_the_refusal_says_what_to_do(graph):
+    lonely = Grasp(graph)
+    lonely.tick_until(lambda: lonely.phase == "idle", "the first state")
+    refusal = lonely.call("envelope")
+    assert not refusal.success
+    assert "no health report from /pressure_sensor yet" in refusal.message
+    assert "pressure_sensor_node" in refusal.message
+    lonely.report_both_well()
+    lonely.tick_until(lambda: lonely.call("envelope").success, "a grasp accepted")
+
+
+def test_watched_nodes_may_have_other_names(graph):
+    renamed = Grasp(graph, pressure_sensor_node="gauges", valve_controller_node="valves")
+    renamed.tick_until(lambda: renamed.phase == "idle", "the first state")
+    renamed.report_both_well("/gauges", "/valves")
+    renamed.hold()
+    renamed.report("/valves", DiagnosticStatus.ERROR, "valve 3 does not answer")
+    renamed.tick_until(lambda: renamed.phase == "fault", "the fault")
+    assert "valve 3 does not answer" in renamed.state["reason"]
+
+
+def test_started_beside_chambers_with_air_it_keeps_the_object_and_waits_for_a_release(graph):
+    restarted = Grasp(graph)
+    restarted.follows, restarted.measured_pa = False, grip("envelope")
+    restarted.tick_until(lambda: restarted.phase == "fault", "the fault")
+    assert restarted.state["air"] == "hold"
+    assert "started with air in finger_1_chamber_1" in restarted.state["reason"]
+    np.testing.assert_array_equal(restarted.setpoint_pa, grip("envelope"))
+    restarted.report_both_well()
+    restarted.follows = True
+    assert restarted.call("release").success
+    restarted.tick_until(lambda: restarted.call("reset").success, "a reset accepted")
+    restarted.hold()
+
+
+def test_before_the_first_pressures_it_publishes_no_set_points(graph):
+    silent = Grasp(graph)
+    for _ in range(60):
+        silent.time_s += TICK_S
+        graph.set_time(silent.time_s)
+    assert silent.phase == "idle" and not silent.setpoints
 
 
 @pytest.mark.parametrize("mode", CHAMBERS_UNDER_PRESSURE)
@@ -161,6 +212,7 @@ def test_a_late_subscriber_sees_the_state_and_the_wrist_pose(grasp):
 
 def test_before_any_pressure_a_grasp_is_refused_for_want_of_readings(graph):
     grasp = Grasp(graph)
+    grasp.report_both_well()
     refusal = grasp.call("envelope")
     assert not refusal.success
     assert "no valid pressure reading" in refusal.message
@@ -363,6 +415,7 @@ def test_wrong_detections_are_refused_and_the_next_right_one_is_used(grasp, chan
 )
 def test_wrong_chamber_states_are_refused_and_count_as_no_reading(graph, message):
     grasp = Grasp(graph)
+    grasp.report_both_well()
     grasp.refuse(grasp.pressures, message)
     refusal = grasp.call("envelope")
     assert not refusal.success and "no valid pressure reading" in refusal.message

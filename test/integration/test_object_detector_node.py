@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -112,6 +113,41 @@ class Camera:
         publisher_or_send(message)
         self.graph.spin_until(lambda: self.node.refused_inputs > refused, "the refusal")
         assert len(self.detections) == seen
+
+
+def test_a_lens_model_it_cannot_undo_is_refused_and_the_health_says_what_to_do(graph):
+    camera = Camera(graph, informed=False)
+    camera.refuse(camera.infos.publish, camera_info(distortion_model="equidistant", d=[0.1, 0.0, 0.0, 0.0]))
+    health = camera.node.health()
+    assert health.level == DiagnosticStatus.WARN
+    assert "'equidistant'" in health.message and "publish rectified images" in health.message
+    camera.inform(camera_info())
+    camera.show(image(photograph("bulb")))
+    assert camera.node.health().level == DiagnosticStatus.OK
+
+
+def test_while_images_are_refused_the_health_says_why(graph):
+    camera = Camera(graph)
+    camera.show(image(photograph("bulb")))
+    wrong = image(photograph("bulb"))
+    wrong.encoding = "16UC1"
+    camera.refuse(camera.send, wrong)
+    assert camera.node.health().level == DiagnosticStatus.WARN and "'16UC1'" in camera.node.health().message
+    camera.show(image(photograph("bulb")))
+    assert camera.node.health().level == DiagnosticStatus.OK
+
+
+def test_a_camera_that_publishes_best_effort_is_heard_when_a_parameter_says_so(graph):
+    topics = ("camera_info", "image_raw")
+    overrides = {f"qos_overrides./camera/{topic}.subscription.reliability": "best_effort" for topic in topics}
+    node = graph.add(ObjectDetectorNode, **overrides)
+    detections = graph.listen(MarkerArray, "detections")
+    infos = graph.publisher(CameraInfo, "camera/camera_info", qos_profile_sensor_data)
+    images = graph.publisher(Image, "camera/image_raw", qos_profile_sensor_data)
+    infos.publish(camera_info())
+    graph.spin_until(lambda: "no camera_info" not in node.health().message, "camera_info")
+    images.publish(image(photograph("bulb")))
+    graph.spin_until(lambda: detections, "detections")
 
 
 @pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "mono8"])

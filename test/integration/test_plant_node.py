@@ -245,6 +245,7 @@ def test_reset_puts_the_scene_back_but_not_the_clock(graph):
     assert np.abs(volts(plant.transducers[-1]) - VENTED_V).max() < 0.02
     assert plant.true_height_m("palm") == pytest.approx(0.005, abs=1e-6)
     assert plant.true_height_m("object") == pytest.approx(-0.085, abs=1e-4)
+    assert plant.call("lift").success  # the hand is down, and knows it
     stamps = [seconds(message.header.stamp) for message in plant.transducers]
     np.testing.assert_allclose(np.diff(stamps), TICK_S, atol=1e-9)
 

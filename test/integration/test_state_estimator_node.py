@@ -70,6 +70,23 @@ class Estimates:
         return np.array(self.joints[-1].position).reshape(4, 2)
 
 
+def test_when_the_pressures_end_its_health_says_so_and_no_fingers_are_drawn(graph):
+    estimates = Estimates(graph, use_sim_time=True)
+    markers = graph.listen(MarkerArray, "finger_markers")
+    graph.set_time(1.0)
+    estimates.feed(np.zeros(16))
+    graph.set_time(1.2)
+    graph.spin_until(lambda: markers, "fingers")
+    graph.set_time(1.6)
+    estimates.node.publish_health()
+    stale = lambda: [report for report in estimates.reports if "for 0.5 s" in report.status[0].message]  # noqa: E731
+    graph.spin_until(stale, "the report")
+    assert stale()[0].status[0].level == DiagnosticStatus.ERROR
+    drawn = len(markers)
+    graph.set_time(2.0)
+    assert len(markers) == drawn
+
+
 @pytest.mark.parametrize("fingers", [[(1,), (2,), (3,), (4,)], [(1, 2), (2, 3), (3, 4), (4, 1)]], ids=["PSC", "PDC"])
 def test_each_direction_bends_away_from_its_chambers_and_pushes_the_same_way(graph, fingers):
     estimates = Estimates(graph)

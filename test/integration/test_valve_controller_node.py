@@ -109,6 +109,30 @@ def test_a_parameter_switches_the_air_on_at_start(graph):
     assert loops.feed_until(lambda opening: opening.any())[3] > 0.1
 
 
+def test_before_its_first_set_points_a_controller_started_beside_a_gripper_that_holds_leaves_the_air_in(graph):
+    loops = Loops(graph, enable_at_start=True)
+    assert not loops.feed(np.full(16, 100e3), ticks=10).any()
+    loops.setpoints.publish(setpoints(channels(c3=100e3)))
+    assert loops.feed_until(lambda opening: (np.delete(opening, 3) < 0.0).all(), np.full(16, 100e3))[3] >= 0.0
+
+
+def test_its_last_command_closes_every_valve(graph):
+    loops = Loops(graph, enable_at_start=True)
+    loops.setpoints.publish(setpoints(np.full(16, 50e3)))
+    loops.feed_until(lambda opening: (opening > 0.1).all())
+    seen = len(loops.commands)
+    loops.node.leave()
+    graph.spin_until(lambda: len(loops.commands) > seen, "the last command")
+    assert not np.array(loops.commands[-1].position).any()
+
+
+def test_pressures_whose_stamp_stands_still_are_refused_and_the_valves_close(graph):
+    loops = Loops(graph, enable_at_start=True)
+    loops.setpoints.publish(setpoints(np.full(16, 50e3)))
+    loops.feed_until(lambda opening: (opening > 0.1).all())
+    loops.refuse(loops.pressures, joint_state(time_stamp(loops.time_s), CHANNEL_NAMES, effort=AMBIENT))
+
+
 def test_a_command_carries_the_names_and_the_stamp_of_its_pressures(graph):
     loops = Loops(graph)
     loops.feed(AMBIENT)

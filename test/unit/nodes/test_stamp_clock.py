@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from mbpam_ros.nodes.messages import MessageError
 from mbpam_ros.nodes.stamps import StampClock
 
 
@@ -42,14 +43,17 @@ def test_time_does_not_go_back_between_samples():
     assert clock.age(499.0) == 0.0
 
 
-def test_a_stamp_more_than_a_second_back_is_a_clock_started_anew():
+@pytest.mark.parametrize("back_to_s", [0.01, 99.0, 99.99])
+def test_a_stamp_before_the_last_one_is_a_clock_set_back(back_to_s):
     clock = StampClock()
     clock.sample(100.0, now_s=500.0)
-    assert clock.sample(0.01, now_s=500.1) == 0.01
-    assert clock.time(500.2) == pytest.approx(0.11)
+    assert clock.sample(back_to_s, now_s=500.1) == back_to_s
+    assert clock.time(500.2) == pytest.approx(back_to_s + 0.1)
 
 
-def test_a_stamp_just_a_second_back_is_not():
+def test_the_same_stamp_again_is_no_sample_and_does_not_make_the_last_one_younger():
     clock = StampClock()
-    clock.sample(100.0, now_s=500.0)
-    assert clock.sample(99.0, now_s=500.1) == 100.0
+    clock.sample(10.0, now_s=500.0)
+    with pytest.raises(MessageError, match="header.stamp stands still at 10.000 s"):
+        clock.sample(10.0, now_s=500.1)
+    assert clock.age(500.3) == pytest.approx(0.3)
