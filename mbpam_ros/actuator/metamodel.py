@@ -239,7 +239,7 @@ class Kriging(Metamodel):
             bounds.append(self._NUGGET_RANGE)
         log_bounds = np.log(bounds)
         starts = np.random.default_rng(0).uniform(*log_bounds.T, size=(self._STARTS, len(bounds)))
-        runs = [minimize(self._negative_log_likelihood, x, bounds=log_bounds, method="L-BFGS-B") for x in starts]
+        runs = [minimize(self._likelihood_loss, x, jac=True, bounds=log_bounds, method="L-BFGS-B") for x in starts]
         self.length_scales, self.nugget = self._parameters(min(runs, key=lambda run: run.fun).x)
         self._state = self._concentrate(self.length_scales, self.nugget)
         self.condition_number = float(np.linalg.cond(self._matrix(self.length_scales, self.nugget)))
@@ -285,7 +285,7 @@ class Kriging(Metamodel):
 
     def _correlate(self, points: NDArray[np.float64], lengths: NDArray[np.float64]) -> NDArray[np.float64]:
         scaled = np.abs(points[:, None, :] - self._centres) / lengths
-        return CORRELATIONS[self.correlation](scaled).prod(axis=-1)
+        return CORRELATIONS[self.correlation].value(scaled).prod(axis=-1)
 
     def _matrix(self, lengths: NDArray[np.float64], nugget: float) -> NDArray[np.float64]:
         return self._correlate(self._centres, lengths) + nugget * np.eye(len(self._centres))
@@ -300,10 +300,22 @@ class Kriging(Metamodel):
         weights = cho_solve(factor, deviation)
         return _KrigingState(factor, trend_weights, weights, float(deviation @ weights) / len(deviation))
 
-    def _negative_log_likelihood(self, log_parameters: NDArray[np.float64]) -> float:
-        state = self._concentrate(*self._parameters(log_parameters))
-        log_determinant_half = float(np.log(np.diag(state.factor[0])).sum())
-        return 0.5 * len(self._values) * math.log(state.variance) + log_determinant_half
+    def _likelihood_loss(self, log_parameters: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        """Return the negative logarithm of the concentrated likelihood, and its gradient."""
+        lengths, nugget = self._parameters(log_parameters)
+        state = self._concentrate(lengths, nugget)
+        count = len(self._values)
+        loss = 0.5 * count * math.log(state.variance) + float(np.log(np.diag(state.factor[0])).sum())
+        # d loss = tr((K^-1 - w w^T / s^2) dK) / 2: the trend and the variance are at their optimum.
+        explained = np.outer(state.weights, state.weights) / state.variance
+        sensitivity = 0.5 * (cho_solve(state.factor, np.eye(count)) - explained)
+        scaled = np.abs(self._centres[:, None, :] - self._centres) / lengths
+        smooth = self._correlate(self._centres, lengths)
+        slopes = CORRELATIONS[self.correlation].slope(scaled) * smooth[:, :, None]
+        gradient = np.einsum("ij,ijk->k", sensitivity, slopes)
+        if self._fixed_nugget is None:
+            gradient = np.append(gradient, nugget * np.trace(sensitivity))
+        return loss, gradient
 
 
 @dataclass(frozen=True)
@@ -317,13 +329,30 @@ class _KrigingState:
 TRENDS = {"constant": 1, "linear": 3, "quadratic": 6}
 """Polynomial trends, each with its number of terms in a and b."""
 
-CORRELATIONS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
-    "gaussian": lambda d: np.exp(-0.5 * d**2),
-    "exponential": lambda d: np.exp(-d),
-    "matern32": lambda d: (1.0 + math.sqrt(3.0) * d) * np.exp(-math.sqrt(3.0) * d),
-    "matern52": lambda d: (1.0 + math.sqrt(5.0) * d + 5.0 / 3.0 * d**2) * np.exp(-math.sqrt(5.0) * d),
+
+@dataclass(frozen=True)
+class Correlation:
+    """Correlation along one variable against d, distance over length scale.
+
+    Args:
+        value: of the correlation, one at d = 0.
+        slope: its derivative by the logarithm of the length scale, over its value.
+    """
+
+    value: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    slope: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+_R3, _R5 = math.sqrt(3.0), math.sqrt(5.0)
+CORRELATIONS = {
+    "gaussian": Correlation(lambda d: np.exp(-0.5 * d**2), lambda d: d**2),
+    "exponential": Correlation(lambda d: np.exp(-d), lambda d: d),
+    "matern32": Correlation(lambda d: (1.0 + _R3 * d) * np.exp(-_R3 * d), lambda d: 3.0 * d**2 / (1.0 + _R3 * d)),
+    "matern52": Correlation(
+        lambda d: (1.0 + _R5 * d + 5.0 / 3.0 * d**2) * np.exp(-_R5 * d),
+        lambda d: 5.0 * d**2 * (1.0 + _R5 * d) / (3.0 + 3.0 * _R5 * d + 5.0 * d**2),
+    ),
 }
-"""Correlation along one variable against distance over length scale."""
 
 
 @dataclass(frozen=True)

@@ -149,9 +149,21 @@ def test_kriging_parameters_are_the_most_likely(response):
     samples = read_samples(TRAINING_TABLE)
     model = Kriging(nugget=None).fit(samples[0], samples[response])
     log_parameters = np.log([*model.length_scales, model.nugget])
-    best = model._negative_log_likelihood(log_parameters)
+    best, _ = model._likelihood_loss(log_parameters)
     for step in 0.1 * np.vstack([np.eye(3), -np.eye(3)]):
-        assert model._negative_log_likelihood(log_parameters + step) > best
+        assert model._likelihood_loss(log_parameters + step)[0] > best
+
+
+@pytest.mark.parametrize("correlation", CORRELATIONS)
+@pytest.mark.parametrize("nugget", [None, 1e-6])
+def test_the_gradient_of_the_likelihood_is_that_of_differences(correlation, nugget):
+    design, theta, _ = read_samples(TRAINING_TABLE)
+    model = Kriging("linear", correlation, nugget).fit(design, theta)
+    point = np.log([0.7, 1.3, 1e-3][: 3 if nugget is None else 2])
+    _, gradient = model._likelihood_loss(point)
+    for step, slope in zip(1e-5 * np.eye(len(point)), gradient, strict=True):
+        difference = model._likelihood_loss(point + step)[0] - model._likelihood_loss(point - step)[0]
+        assert slope == pytest.approx(difference / 2e-5, rel=1e-5)
 
 
 def test_kriging_is_less_certain_outside_its_samples():
@@ -244,7 +256,7 @@ def test_kriging_returns_the_polynomial_of_its_trend(trend):
 @pytest.mark.parametrize("correlation", CORRELATIONS)
 def test_a_correlation_is_one_at_zero_and_falls(correlation):
     distance = np.linspace(0.0, 5.0, 50)
-    values = CORRELATIONS[correlation](distance)
+    values = CORRELATIONS[correlation].value(distance)
     assert values[0] == 1.0 and np.all(np.diff(values) < 0.0) and values[-1] > 0.0
 
 
