@@ -3,6 +3,7 @@
     compare_metamodels --json FILE                                     fitted to Table 1, judged on Table 2
     compare_metamodels --training CSV --validation CSV --json FILE     on samples of your own
     compare_metamodels --training CSV --json FILE                      judged by leaving each sample out in turn
+    compare_metamodels --map FILE                                      picture of the uncertainty over the domain
 
 A CSV has the columns a_mm, b_mm, theta_max_deg, f_max_n. The names in the table, in small letters, are those of the
 estimator's parameter ``metamodel``.
@@ -29,9 +30,10 @@ from mbpam_ros.actuator.metamodel import (
 from mbpam_ros.configuration import ConfigError, config_path
 from mbpam_ros.study.design.accuracy import JudgingError
 from mbpam_ros.study.design.comparison import Judged, judge
-from mbpam_ros.study.design.pictures import PictureError, draw_comparison
+from mbpam_ros.study.design.pictures import PictureError, draw_comparison, draw_uncertainty
 from mbpam_ros.study.design.result_file import ResultFileError, write_json
 from mbpam_ros.study.design.samples import RESPONSES, Samples
+from mbpam_ros.study.design.uncertainty import uncertain_kriging, uncertainty_map
 
 _KRIGING = ("krg", "krg_nugget")
 
@@ -104,15 +106,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
     options = _parser().parse_args(arguments)
     try:
-        if options.validation is not None and options.training is None:
-            raise ConfigError("--validation judges samples of your own: give them with --training")
+        if options.validation is not None and (options.training is None or options.leave_one_out):
+            raise ConfigError("--validation needs --training and excludes --leave-one-out")
         of_the_paper = options.training is None
         training = Samples.read(TRAINING_TABLE if of_the_paper else options.training)
-        judging = VALIDATION_TABLE if of_the_paper else options.validation
+        judging = VALIDATION_TABLE if of_the_paper and not options.leave_one_out else options.validation
         validation = None if judging is None else Samples.read(judging)
         table = compare(training, validation, options.trend, options.correlation)
-        print(table_text(table, published_errors() if of_the_paper else {}))
-        if of_the_paper:
+        as_the_paper = of_the_paper and not options.leave_one_out
+        print(table_text(table, published_errors() if as_the_paper else {}))
+        if as_the_paper:
             print(
                 "The paper calls its RBF Gaussian, but its row is that of the thin plate spline r^2 ln r with a linear "
                 "trend (RBF);\nno width gives Gaussians (RBF_GAUSSIAN) that row."
@@ -124,6 +127,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             )
         if options.picture is not None:
             draw_comparison(table, validation or training, options.picture)
+        if options.map is not None:
+            kriging = uncertain_kriging(training, options.trend, options.correlation)
+            draw_uncertainty(uncertainty_map(training, kriging), training, options.map)
     except (ConfigError, DesignDomainError, MetamodelError, JudgingError, PictureError, ResultFileError) as error:
         print(f"compare_metamodels: {error}", file=sys.stderr)
         return 1
@@ -138,6 +144,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--picture", type=Path, metavar="FILE", help="where the picture goes (png, pdf or svg)")
     parser.add_argument("--training", metavar="CSV", help="samples to fit (default: the paper's Table 1)")
     parser.add_argument("--validation", metavar="CSV", help="samples to judge on (default: leave each sample out)")
+    parser.add_argument("--leave-one-out", action="store_true", help="judge the paper's samples so, not on Table 2")
+    parser.add_argument("--map", type=Path, metavar="FILE", help="where the map of kriging's uncertainty goes")
     parser.add_argument("--trend", choices=TRENDS, default="constant", help="of kriging")
     parser.add_argument("--correlation", choices=CORRELATIONS, default="gaussian", help="of kriging")
     return parser

@@ -33,6 +33,7 @@ from mbpam_ros.study.design.pictures import PictureError, draw_optimisation
 from mbpam_ros.study.design.responses import PUBLISHED, Responses, fitted_responses, published_responses
 from mbpam_ros.study.design.result_file import ResultFileError, write_json
 from mbpam_ros.study.design.samples import Samples
+from mbpam_ros.study.design.uncertainty import kriging_sigma, uncertain_kriging
 
 ALGORITHMS: dict[str, Callable[[Evaluations, int], None]] = {"mopso": mopso, "nsga2": nsga2}
 LEAST_HYPERVOLUME_RATIO = 0.995
@@ -155,9 +156,8 @@ def result_text(result: dict) -> str:
             f"({row['f_prs_n']:.4f}, {row['f_fe_n']:.4f})"
         )
     lines.append(
-        "chosen by {rule}: a = {a_mm:.3f}, b = {b_mm:.3f} mm: {theta_deg:.2f} deg, {f_n:.4f} N".format(
-            **result["chosen"]
-        )
+        "chosen by {rule}: a = {a_mm:.3f}, b = {b_mm:.3f} mm: {theta_deg:.2f} +- {theta_sigma_deg:.2f} deg, "
+        "{f_n:.4f} +- {f_sigma_n:.4f} N (one standard deviation, by kriging)".format(**result["chosen"])
     )
     return "\n".join(lines)
 
@@ -198,6 +198,7 @@ def _run(options: argparse.Namespace) -> None:
     seeds = range(options.seed, options.seed + options.seeds)
     runs = [optimise(responses, truth, algorithm, seed) for algorithm in options.algorithms for seed in seeds]
     result = result_json(name, runs, initial, rule_name, rule(runs[0].front))
+    result["chosen"] |= _sigma_json(samples, result["chosen"])
     if initial is not None:
         result["gains_by_metamodel"] = gains_by_metamodel(samples, initial)
     if of_the_paper:
@@ -214,6 +215,11 @@ def _run(options: argparse.Namespace) -> None:
             f"{worst.algorithm} with seed {worst.seed} covers {worst.hypervolume_ratio:.4f} of the grid's front, "
             f"less than {LEAST_HYPERVOLUME_RATIO:g}"
         )
+
+
+def _sigma_json(samples: Samples, chosen: dict) -> dict[str, float]:
+    sigma = kriging_sigma(samples, [[chosen["a_mm"], chosen["b_mm"]]], uncertain_kriging(samples))
+    return {"theta_sigma_deg": float(sigma["theta_max"][0]), "f_sigma_n": float(sigma["f_max"][0])}
 
 
 def _rule(options: argparse.Namespace) -> tuple[str, Rule]:

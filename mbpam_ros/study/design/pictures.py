@@ -15,6 +15,7 @@ from mbpam_ros.study.design.latin_hypercube import RANGES
 from mbpam_ros.study.design.pareto import Front
 from mbpam_ros.study.design.responses import Responses
 from mbpam_ros.study.design.samples import RESPONSES, Samples
+from mbpam_ros.study.design.uncertainty import UncertaintyMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,6 +93,34 @@ def draw_comparison(table: Mapping[str, Mapping[str, Judged]], judging: Samples,
     trade.set_ylim(bottom=0.0)
     trade.legend(fontsize=7, ncols=2)
     trade.grid(alpha=0.3, which="both")
+    _save(figure, path)
+
+
+def draw_uncertainty(uncertainty: UncertaintyMap, samples: Samples, path: Path) -> None:
+    """Draw kriging's deviation over the domain, and on each sample a disc as large as the error when it is left out.
+
+    Raises:
+        PictureError: matplotlib is not installed, or the file cannot be written.
+    """
+    figure = _new_figure((13.0, 5.6))
+    for axis, key in zip(figure.subplots(1, 2), RESPONSES, strict=True):
+        shades = axis.contourf(uncertainty.a_mm, uncertainty.b_mm, uncertainty.sigma[key], 12, cmap="Blues")
+        figure.colorbar(shades, ax=axis, label=f"kriging's standard deviation [{RESPONSES[key]}]")
+        error = uncertainty.left_out_error[key]
+        size = 400.0 * np.abs(error) / np.abs(error).max()
+        for sign, colour in ((error >= 0.0, "tab:red"), (error < 0.0, "tab:green")):
+            where = samples.design_mm[sign]
+            axis.scatter(*where.T, s=size[sign], color=colour, alpha=0.55, clip_on=False, zorder=3)
+        axis.plot(*samples.design_mm.T, "k.", ms=4.0, clip_on=False, zorder=4)
+        rms = float(np.sqrt(np.mean(error**2)))
+        axis.set_title(
+            f"{_RESPONSE_LABELS[key]}: left out, rms {rms:.3g}, worst {np.abs(error).max():.3g} {RESPONSES[key]}\n"
+            "discs: too much (red), too little (green)",
+            fontsize=10,
+            pad=12.0,
+        )
+        axis.set_xlabel(_AXIS_LABELS["a_mm"])
+        axis.set_ylabel(_AXIS_LABELS["b_mm"])
     _save(figure, path)
 
 
