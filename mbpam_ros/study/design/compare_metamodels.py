@@ -106,14 +106,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
     options = _parser().parse_args(arguments)
     try:
-        if options.validation is not None and (options.training is None or options.leave_one_out):
-            raise ConfigError("--validation needs --training and excludes --leave-one-out")
-        of_the_paper = options.training is None
-        training = Samples.read(TRAINING_TABLE if of_the_paper else options.training)
-        judging = VALIDATION_TABLE if of_the_paper and not options.leave_one_out else options.validation
-        validation = None if judging is None else Samples.read(judging)
+        training, validation = _samples(options)
         table = compare(training, validation, options.trend, options.correlation)
-        as_the_paper = of_the_paper and not options.leave_one_out
+        as_the_paper = options.training is None and not options.leave_one_out
         print(table_text(table, published_errors() if as_the_paper else {}))
         if as_the_paper:
             print(
@@ -136,14 +131,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _samples(options: argparse.Namespace) -> tuple[Samples, Samples | None]:
+    """Return the samples to fit and those to judge on, None for leaving each out."""
+    if options.validation is not None and (options.training is None or options.leave_one_out):
+        raise ConfigError("--validation needs --training and excludes --leave-one-out")
+    if options.training is not None:
+        validation = None if options.validation is None else Samples.read(options.validation)
+        return Samples.read(options.training), validation
+    validation = None if options.leave_one_out else Samples.of_the_paper(VALIDATION_TABLE)
+    return Samples.of_the_paper(TRAINING_TABLE), validation
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         "compare_metamodels", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
     parser.add_argument("--picture", type=Path, metavar="FILE", help="where the picture goes (png, pdf or svg)")
-    parser.add_argument("--training", metavar="CSV", help="samples to fit (default: the paper's Table 1)")
-    parser.add_argument("--validation", metavar="CSV", help="samples to judge on (default: leave each sample out)")
+    parser.add_argument("--training", type=Path, metavar="CSV", help="samples to fit (default: the paper's Table 1)")
+    parser.add_argument(
+        "--validation", type=Path, metavar="CSV", help="samples to judge on (default: leave each sample out)"
+    )
     parser.add_argument("--leave-one-out", action="store_true", help="judge the paper's samples so, not on Table 2")
     parser.add_argument("--map", type=Path, metavar="FILE", help="where the map of kriging's uncertainty goes")
     parser.add_argument("--trend", choices=TRENDS, default="constant", help="of kriging")

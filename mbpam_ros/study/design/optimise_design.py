@@ -188,11 +188,11 @@ def _run(options: argparse.Namespace) -> None:
     if name == PUBLISHED and not of_the_paper:
         raise ConfigError("the published equations are the paper's; choose another --metamodel for samples of your own")
     rule_name, rule = _rule(options)
-    samples = Samples.read(TRAINING_TABLE if of_the_paper else options.training)
+    samples = Samples.of_the_paper(TRAINING_TABLE) if of_the_paper else Samples.read(options.training)
     responses = published_responses() if name == PUBLISHED else fitted_responses(name, samples)
     initial = None
     if of_the_paper or options.initial is not None:
-        known = [samples, Samples.read(VALIDATION_TABLE)] if of_the_paper else [samples]
+        known = [samples, Samples.of_the_paper(VALIDATION_TABLE)] if of_the_paper else [samples]
         initial = reference_design(*(options.initial or INITIAL_DESIGN_MM), known, responses)
     truth = grid_front(responses.objectives, responses.domain, _GRID)
     seeds = range(options.seed, options.seed + options.seeds)
@@ -236,7 +236,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="where the front and the figures go")
     parser.add_argument("--picture", type=Path, metavar="FILE", help="where the picture goes (png, pdf or svg)")
-    parser.add_argument("--training", metavar="CSV", help="samples to fit (default: the paper's Table 1)")
+    parser.add_argument("--training", type=Path, metavar="CSV", help="samples to fit (default: the paper's Table 1)")
     parser.add_argument(
         "--metamodel",
         choices=(PUBLISHED, *METAMODELS),

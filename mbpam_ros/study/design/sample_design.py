@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     names = VARIABLES[options.variables]
     try:
         points = from_unit(optimal_latin_hypercube(options.count, len(names), options.seed, options.restarts), names)
-        paper = Samples.read(TRAINING_TABLE).design_mm
+        paper = Samples.of_the_paper(TRAINING_TABLE).design_mm
         figures = {f"these {len(points)}, ({options.variables})": space_filling(to_unit(points, names))}
         if names != _PLANE:
             figures[f"these {len(points)}, (a,b) alone"] = judge_plane(points, names)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.design import DesignDomain
 from mbpam_ros.actuator.metamodel import read_samples
+from mbpam_ros.actuator.tables import read_columns
 
 RESPONSES = {"theta_max": "deg", "f_max": "N"}
 """What a sample tells of its design, with its unit: greatest bend and blocked tip force (PDC, 100 kPa)."""
@@ -27,17 +29,24 @@ class Samples:
     responses: dict[str, NDArray[np.float64]]
 
     @classmethod
-    def read(cls, table: str) -> Samples:
-        """Return the samples of a CSV with columns ``a_mm``, ``b_mm``, ``theta_max_deg``, ``f_max_n``.
+    def of_the_paper(cls, table: str) -> Samples:
+        """Return the samples of a table in ``config/data``.
 
-        Args:
-            table: a path, or the name of a file in ``config/data``.
+        Raises:
+            ConfigError: the table is missing or unreadable.
+        """
+        design, theta, force = read_samples(table)
+        return cls(design, {"theta_max": theta, "f_max": force})
+
+    @classmethod
+    def read(cls, path: Path) -> Samples:
+        """Return the samples of a CSV with columns ``a_mm``, ``b_mm``, ``theta_max_deg``, ``f_max_n``.
 
         Raises:
             ConfigError: the file is missing, lacks a column, or holds something that is not a finite number there.
         """
-        design, theta, force = read_samples(table)
-        return cls(design, {"theta_max": theta, "f_max": force})
+        a, b, theta, force = read_columns(path, "a_mm", "b_mm", "theta_max_deg", "f_max_n")
+        return cls(np.column_stack([a, b]), {"theta_max": theta, "f_max": force})
 
     def domain(self) -> DesignDomain:
         """Return the box that the designs fill.

@@ -20,7 +20,7 @@ def optimal():
 
 
 def paper():
-    return to_unit(Samples.read("doe_training.csv").design_mm, PLANE)
+    return to_unit(Samples.of_the_paper("doe_training.csv").design_mm, PLANE)
 
 
 def test_every_level_of_every_variable_is_taken_once_its_ends_included(optimal):

@@ -38,7 +38,7 @@ def test_the_papers_front_is_covered_with_every_seed(optimiser):
 
 @pytest.mark.parametrize("name", ["rbf", "krg"])
 def test_the_front_of_an_interpolating_metamodel_is_covered(name):
-    responses = fitted_responses(name, Samples.read("doe_training.csv"))
+    responses = fitted_responses(name, Samples.of_the_paper("doe_training.csv"))
     truth = grid_front(responses.objectives, responses.domain, 201)
     evaluations = Evaluations(responses.objectives, responses.domain)
     mopso(evaluations, 0)
@@ -150,7 +150,7 @@ def test_without_pymoo_nsga2_says_what_to_install(monkeypatch):
 
 
 def test_every_metamodel_can_be_optimised():
-    samples = Samples.read("doe_training.csv")
+    samples = Samples.of_the_paper("doe_training.csv")
     for name in METAMODELS:
         responses = fitted_responses(name, samples)
         assert responses.objectives(np.array([[2.0, 2.0], [2.5, 2.0]])).shape == (2, 2)
