@@ -49,7 +49,9 @@ class GraspArbiterNode(GripperNode):
         modes = load_modes(self.value("modes"))
         selector = ModeSelector(config.selection, gripper, modes)
         try:
-            self._arbiter = Arbiter(config.arbitration, modes, selector, gripper.pressure_limit_gauge_pa)
+            self._arbiter = Arbiter(
+                config.arbitration, modes, selector, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
+            )
         except ValueError as error:
             raise ConfigError(f"{self.value('grasp')}: {error}") from error
         prefix = self.get_namespace().rstrip("/")

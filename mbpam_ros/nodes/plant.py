@@ -43,7 +43,7 @@ PARAMETERS = (
     Parameter("rate_hz", 100.0, "rate of transducers and of the plant's ticks [Hz]", 10.0, 1000.0),
     Parameter("camera_rate_hz", 5.0, "rate of camera images [Hz]; 0: no camera", 0.0, 60.0),
     Parameter("marker_rate_hz", 10.0, "rate of the true shapes [Hz]", 0.1, 100.0),
-    Parameter("command_timeout_s", 0.5, "valves close when no command came for this long [s]", 0.02, 60.0),
+    Parameter("command_timeout_s", 0.03, "valves close when no command came for this long [s]", 0.02, 60.0),
     Parameter("publish_clock", False, "publish simulated time on /clock"),
     Parameter("lock_step", False, "with publish_clock: tick as soon as the valves have answered the last tick"),
     Parameter("lock_step_timeout_s", 0.5, "lock step: tick anyway after this long [wall s]", 0.01, 60.0),

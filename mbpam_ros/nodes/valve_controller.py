@@ -20,7 +20,7 @@ from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.controller import ControllerInputError, PressureController, SetpointError, ValveFault
 
 PARAMETERS = (
-    Parameter("gripper", "gripper.yaml", "gripper file: the pressure limit"),
+    Parameter("gripper", "gripper.yaml", "gripper file: pressure limit and over-pressure"),
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: gains, limits and watchdog of the loops"),
     Parameter("enable_at_start", False, "follow set-points from the start, without valve_controller/enable"),
     Parameter("watchdog_rate_hz", 50.0, "how often silence of the pressures is looked for [Hz]", 10.0, 1000.0),
@@ -32,10 +32,12 @@ class ValveControllerNode(GripperNode):
 
     def __init__(self, **node_options: object) -> None:
         super().__init__("valve_controller", PARAMETERS, **node_options)
-        limit_pa = load_gripper(self.value("gripper")).pressure_limit_gauge_pa
+        gripper = load_gripper(self.value("gripper"))
         config = load_pneumatics(self.value("pneumatics")).controller
         try:
-            self._controller = PressureController(config, limit_pa)
+            self._controller = PressureController(
+                config, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
+            )
         except ValueError as error:
             raise ConfigError(f"{self.value('gripper')} against {self.value('pneumatics')}: {error}") from error
         self._hold_time_s = config.hold_time_s
