@@ -105,6 +105,7 @@ def test_a_run_that_covers_too_little_fails_the_command(monkeypatch, capsys, tmp
         return Run(algorithm, seed, 3, truth, 0.9)
 
     monkeypatch.setattr(optimise_design, "optimise", lame)
+    monkeypatch.setattr(optimise_design, "gains_by_metamodel", lambda samples, initial: {})
     path = tmp_path / "lame.json"
     assert main(["--algorithms", "mopso", "--json", str(path)]) == 1
     assert "mopso with seed 0 covers 0.9000" in capsys.readouterr().err
