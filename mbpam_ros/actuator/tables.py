@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +27,14 @@ def read_columns(path: Path, *columns: str) -> NDArray[np.float64]:
         ConfigError: the file is missing, lacks a column, or holds something that is not a finite number there.
     """
     try:
-        table = np.atleast_1d(np.genfromtxt(path, delimiter=",", names=True, dtype=float, encoding="utf-8"))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of an empty file, which is refused below
+            table = np.atleast_1d(np.genfromtxt(path, delimiter=",", names=True, dtype=float, encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: no such file") from error
-    except (ValueError, IndexError) as error:
+    except IndexError as error:
+        raise ConfigError(f"{path}: empty; expected a line of column names and rows of numbers") from error
+    except ValueError as error:
         raise ConfigError(f"{path}: not a table: {' '.join(str(error).split())}") from error
     missing = [column for column in columns if column not in (table.dtype.names or ())]
     if missing:

@@ -18,6 +18,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from mbpam_ros.actuator.design import DesignDomainError
 from mbpam_ros.actuator.metamodel import (
     CORRELATIONS,
@@ -31,6 +33,7 @@ from mbpam_ros.configuration import ConfigError, config_path
 from mbpam_ros.study.design.accuracy import JudgingError
 from mbpam_ros.study.design.comparison import Judged, judge
 from mbpam_ros.study.design.pictures import PictureError, draw_comparison, draw_uncertainty
+from mbpam_ros.study.design.responses import published_coefficients
 from mbpam_ros.study.design.result_file import ResultFileError, write_json
 from mbpam_ros.study.design.samples import RESPONSES, Samples
 from mbpam_ros.study.design.uncertainty import uncertain_kriging, uncertainty_map
@@ -111,6 +114,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         as_the_paper = options.training is None and not options.leave_one_out
         print(table_text(table, published_errors() if as_the_paper else {}))
         if as_the_paper:
+            for key, printed in published_coefficients().items():
+                found = np.array(table["PRS"][key].parameters["coefficients"])
+                print(f"PRS {key}: the paper's coefficients to {np.abs(found / printed - 1.0).max():.1e} of each")
             print(
                 "The paper calls its RBF Gaussian, but its row is that of the thin plate spline r^2 ln r with a linear "
                 "trend (RBF);\nno width gives Gaussians (RBF_GAUSSIAN) that row."

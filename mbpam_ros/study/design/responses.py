@@ -16,6 +16,8 @@ from mbpam_ros.study.design.samples import Samples
 PUBLISHED = "published"
 """Name of the paper's Eqs. 9 and 10 with the coefficients it prints."""
 
+_PUBLISHED_TABLE = "response_surface.csv"
+
 
 @dataclass(frozen=True)
 class Responses:
@@ -41,6 +43,18 @@ def fitted_responses(name: str, samples: Samples) -> Responses:
     return Responses(lambda design_mm: np.column_stack([model.predict(design_mm) for model in models]), domain)
 
 
+def published_coefficients() -> dict[str, NDArray[np.float64]]:
+    """Return the coefficients of Eqs. 9 (``theta_max`` [deg]) and 10 (``f_max`` [N]), shape (8,) each.
+
+    They belong to 1, a, b, a^2, b^2, a b, a^3, b^3, with a and b in millimetres.
+
+    Raises:
+        ConfigError: ``response_surface.csv`` is missing or unreadable.
+    """
+    theta, force = read_table(_PUBLISHED_TABLE, "theta_max_deg", "f_max_n")
+    return {"theta_max": theta, "f_max": force}
+
+
 def published_responses() -> Responses:
     """Return the paper's Eqs. 9 and 10 as printed, over the domain of its Eq. 11.
 
@@ -50,10 +64,8 @@ def published_responses() -> Responses:
     Raises:
         ConfigError: ``response_surface.csv`` is missing or unreadable.
     """
-    power_a, power_b, *coefficients = read_table(
-        "response_surface.csv", "power_of_a", "power_of_b", "theta_max_deg", "f_max_n"
-    )
-    weights = np.column_stack(coefficients)
+    power_a, power_b = read_table(_PUBLISHED_TABLE, "power_of_a", "power_of_b")
+    weights = np.column_stack(list(published_coefficients().values()))
 
     def objectives(design_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         PAPER_DOMAIN.require_inside(design_mm)

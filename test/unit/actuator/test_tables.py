@@ -61,3 +61,12 @@ def test_a_table_of_the_users_is_read_from_its_path_and_a_bad_one_is_one_clear_l
     with pytest.raises(ConfigError, match="not a table") as caught:
         read_columns(path, "a")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("text", "message"), [("", "empty"), ("a,b\n", "expected finite numbers in a")])
+def test_a_table_without_rows_is_refused(text, message, tmp_path, recwarn):
+    path = tmp_path / "own.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=message):
+        read_columns(path, "a")
+    assert not recwarn.list
