@@ -25,6 +25,8 @@ from mbpam_ros.actuator.tables import read_table
 TRAINING_TABLE = "doe_training.csv"
 VALIDATION_TABLE = "doe_validation.csv"
 
+_BLOCK = 1024
+
 
 class MetamodelError(ValueError):
     """These samples do not determine this metamodel; the message says what is missing."""
@@ -70,7 +72,9 @@ class Metamodel(ABC):
         """
         design = _designs(design_mm)
         self.domain.require_inside(design)
-        return self._predict(design)
+        # In blocks: distances from all designs to all samples at once would fill the memory.
+        blocks = [design[start : start + _BLOCK] for start in range(0, len(design), _BLOCK)]
+        return np.concatenate([self._predict(block) for block in blocks]) if blocks else np.empty(0)
 
     def fitted_parameters(self) -> dict[str, object]:
         """Return what the fit chose, as plain values that JSON can hold."""
@@ -229,11 +233,13 @@ class Kriging(Metamodel):
 
     def _fit(self, design: NDArray[np.float64], values: NDArray[np.float64]) -> None:
         _require_distinct(design)
-        if np.ptp(values) == 0.0:
-            raise MetamodelError("kriging needs responses that differ; all are the same")
         self._centres, self._values = self.domain.scale(design), values
-        if np.linalg.matrix_rank(_trend(self._centres, self.trend)) < TRENDS[self.trend]:
+        basis = _trend(self._centres, self.trend)
+        weights, _, rank, _ = np.linalg.lstsq(basis, values, rcond=None)
+        if rank < TRENDS[self.trend]:
             raise MetamodelError(f"these designs do not determine a {self.trend} trend")
+        if np.abs(values - basis @ weights).max() <= 1e-12 * np.abs(values).max():
+            raise MetamodelError(f"a {self.trend} trend alone returns these responses: nothing is left for kriging")
         bounds = [self._LENGTH_RANGE, self._LENGTH_RANGE]
         if self._fixed_nugget is None:
             bounds.append(self._NUGGET_RANGE)

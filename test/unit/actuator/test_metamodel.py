@@ -253,6 +253,29 @@ def test_kriging_returns_the_polynomial_of_its_trend(trend):
     np.testing.assert_allclose(model.predict(query), polynomial(query), atol=1e-5)
 
 
+def test_responses_without_a_remainder_have_no_kriging():
+    design, _, _ = read_samples(TRAINING_TABLE)
+    for trend, response in (("constant", np.full(21, 3.0)), ("linear", 1.0 + design @ [2.0, 3.0])):
+        with pytest.raises(MetamodelError, match=f"{trend} trend alone"):
+            Kriging(trend).fit(design, response)
+
+
+def test_designs_on_a_line_have_no_linear_trend():
+    on_a_line = np.column_stack([np.linspace(1.5, 3.5, 9), np.linspace(1.0, 3.0, 9)])
+    with pytest.raises(MetamodelError, match="do not determine a linear trend"):
+        Kriging("linear").fit(on_a_line, np.arange(9.0) ** 2)
+
+
+@pytest.mark.parametrize("name", METAMODELS)
+def test_many_designs_are_predicted_as_one_by_one(name):
+    model = load_metamodel(name).f_max_n
+    design = np.random.default_rng(5).uniform([1.5, 1.0], [3.5, 3.0], size=(2500, 2))
+    together = model.predict(design)
+    assert together.shape == (2500,) and model.predict(np.empty((0, 2))).shape == (0,)
+    picked = [0, 1023, 1024, 2499]
+    np.testing.assert_allclose(together[picked], [model.predict(design[[i]])[0] for i in picked], rtol=1e-7)
+
+
 @pytest.mark.parametrize("correlation", CORRELATIONS)
 def test_a_correlation_is_one_at_zero_and_falls(correlation):
     distance = np.linspace(0.0, 5.0, 50)
