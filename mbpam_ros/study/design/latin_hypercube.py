@@ -67,7 +67,8 @@ def optimal_latin_hypercube(count: int, variables: int, seed: int, restarts: int
     generator = np.random.default_rng(seed)
     candidates = []
     for _ in range(restarts):
-        sampler = qmc.LatinHypercube(variables, scramble=False, optimization="random-cd", rng=generator)
+        # SciPy before 1.15, which ROS 2 Jazzy's system has, knows this argument only as seed.
+        sampler = qmc.LatinHypercube(variables, scramble=False, optimization="random-cd", seed=generator)
         # Cell centres (k + 1/2) / count; stretched to k / (count - 1).
         level = np.rint(sampler.random(count) * count - 0.5)
         candidates.append(level / (count - 1))

@@ -39,11 +39,6 @@ VARIABLES = {"a,b": ("a_mm", "b_mm"), "a,b,c,n": ("a_mm", "b_mm", "c_mm", "n")}
 _PLANE = VARIABLES["a,b"]
 
 
-def judge_plane(points: NDArray[np.float64], names: tuple[str, ...]) -> SpaceFilling:
-    """Return how the first two columns (a, b) of ``points`` fill their ranges."""
-    return space_filling(to_unit(points[:, :2], names[:2]))
-
-
 def csv_text(points: NDArray[np.float64], names: tuple[str, ...]) -> str:
     """Return the points as CSV with a running number, as the paper's tables have."""
     rows = [",".join(["no", *names])]
@@ -58,15 +53,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         points = from_unit(optimal_latin_hypercube(options.count, len(names), options.seed, options.restarts), names)
         paper = Samples.of_the_paper(TRAINING_TABLE).design_mm
-        figures = {f"these {len(points)}, ({options.variables})": space_filling(to_unit(points, names))}
-        if names != _PLANE:
-            figures[f"these {len(points)}, (a,b) alone"] = judge_plane(points, names)
-        figures[f"the paper's {len(paper)}, (a,b)"] = space_filling(to_unit(paper, _PLANE))
+        figures = {
+            "design": space_filling(to_unit(points, names)),
+            "design_over_a_b": space_filling(to_unit(points[:, :2], _PLANE)),
+            "paper_over_a_b": space_filling(to_unit(paper, _PLANE)),
+        }
         text = csv_text(points, names)
         print(text)
         print(f"{'points':<26}{'centred discrepancy':>20}{'smallest distance':>19}   (ranges scaled to 0 ... 1)")
-        for name, filling in figures.items():
-            print(f"{name:<26}{filling.discrepancy:>20.6f}{filling.smallest_distance:>19.4f}")
+        print(_figures_text(f"these {len(points)}, ({options.variables})", figures["design"]))
+        if names != _PLANE:
+            print(_figures_text(f"these {len(points)}, (a,b) alone", figures["design_over_a_b"]))
+        print(_figures_text(f"the paper's {len(paper)}, (a,b)", figures["paper_over_a_b"]))
         if options.csv is not None:
             write_text(options.csv, text)
         if options.json is not None:
@@ -86,6 +84,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"sample_design: {error}", file=sys.stderr)
         return 1
     return 0
+
+
+def _figures_text(name: str, filling: SpaceFilling) -> str:
+    return f"{name:<26}{filling.discrepancy:>20.6f}{filling.smallest_distance:>19.4f}"
 
 
 def _parser() -> argparse.ArgumentParser:
