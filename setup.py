@@ -15,6 +15,7 @@ NODES = (
     "bringup",
     "demo",
 )
+DESIGN_STUDY = ("sample_design", "compare_metamodels", "optimise_design")
 ROS_WHEELS = [
     "ros-rclpy",
     "ros-rmw-fastrtps-cpp",
@@ -53,6 +54,7 @@ setup(
     extras_require={
         "ros": ROS_WHEELS,
         "report": ["matplotlib"],
+        "study": ["matplotlib", "pymoo"],  # pictures and NSGA-II of the design study; all else needs no extra
         "fem": ["felupe>=11", "pypardiso"],  # offline finite elements; without pypardiso SciPy solves
         "test": TEST,
     },
@@ -62,6 +64,7 @@ setup(
         "console_scripts": [
             *(f"{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
             f"calibrate_fe = {PACKAGE}.study.fe.calibrate_fe:main",
+            *(f"{command} = {PACKAGE}.study.design.{command}:main" for command in DESIGN_STUDY),
         ]
     },
 )

@@ -34,7 +34,7 @@ class Gripper:
 
     design: MuscleDesign
     geometry: MuscleGeometry
-    metamodel: Literal["prs", "rbf", "krg"]
+    metamodel: Literal["prs", "rbf", "krg", "rbf_gaussian", "krg_nugget"]
     target: Literal["fe", "test"]
     finger_circle_radius_m: float
     pressure_limit_gauge_pa: float

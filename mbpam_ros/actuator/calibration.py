@@ -84,7 +84,7 @@ def calibrated_rod_law(
     Args:
         design: of the muscle.
         geometry: of the muscle.
-        metamodel: ``prs``, ``rbf`` or ``krg``.
+        metamodel: a key of :data:`~mbpam_ros.actuator.metamodel.METAMODELS`.
         target: ``fe`` for the paper's finite element values, ``test`` for its measured ones.
 
     Raises:

@@ -4,11 +4,80 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from mbpam_ros.configuration import require_positive
 
 
 class DesignDomainError(ValueError):
-    """The design lies outside the samples of the paper; no metamodel may be asked there."""
+    """The design lies outside the samples of its metamodel, which may not be asked there."""
+
+
+@dataclass(frozen=True)
+class DesignDomain:
+    """Box of designs (a, b) in which samples speak; metamodels refuse to extrapolate out of it.
+
+    Args:
+        a_range_mm, b_range_mm: least and greatest value of each variable [mm].
+
+    Raises:
+        DesignDomainError: a range is empty or not finite.
+    """
+
+    a_range_mm: tuple[float, float]
+    b_range_mm: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in (("a", self.a_range_mm), ("b", self.b_range_mm)):
+            if not (np.isfinite([low, high]).all() and low < high):
+                raise DesignDomainError(f"no domain: {name} must span a range, found {low:g} to {high:g} mm")
+
+    @classmethod
+    def around(cls, design_mm: ArrayLike) -> DesignDomain:
+        """Return the smallest domain that holds the rows (a, b) of ``design_mm``, shape (n, 2).
+
+        Raises:
+            DesignDomainError: the rows do not span a range in both variables.
+        """
+        design = np.asarray(design_mm, dtype=float)
+        low, high = design.min(axis=0), design.max(axis=0)
+        return cls((float(low[0]), float(high[0])), (float(low[1]), float(high[1])))
+
+    @property
+    def bounds_mm(self) -> NDArray[np.float64]:
+        """Rows low and high, columns a and b [mm]."""
+        return np.array([self.a_range_mm, self.b_range_mm]).T
+
+    def require_inside(self, design_mm: ArrayLike) -> None:
+        """Check rows (a, b), shape (n, 2).
+
+        Raises:
+            DesignDomainError: a row lies outside or is not a number. The message names the nearest design inside.
+        """
+        design = np.asarray(design_mm, dtype=float)
+        low, high = self.bounds_mm
+        outside = ~np.all((low <= design) & (design <= high), axis=1)
+        if not outside.any():
+            return
+        found = design[np.argmax(outside)]
+        message = (
+            f"design a = {found[0]:g} mm, b = {found[1]:g} mm is outside the sampled domain "
+            f"{low[0]:g} <= a <= {high[0]:g} mm, {low[1]:g} <= b <= {high[1]:g} mm"
+        )
+        if np.isfinite(found).all():
+            nearest = np.clip(found, low, high)
+            message += f"; the nearest design inside is a = {nearest[0]:g}, b = {nearest[1]:g} mm"
+        raise DesignDomainError(message)
+
+    def scale(self, design_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Map the domain to [-1, 1]^2, so that one length serves a and b; rows (a, b), shape (n, 2)."""
+        low, high = self.bounds_mm
+        return 2.0 * (design_mm - low) / (high - low) - 1.0
+
+
+PAPER_DOMAIN = DesignDomain(a_range_mm=(1.5, 3.5), b_range_mm=(1.0, 3.0))
+"""Bounds of the paper's Eq. 11, which its samples fill."""
 
 
 @dataclass(frozen=True)
@@ -26,18 +95,8 @@ class MuscleDesign:
     a_mm: float
     b_mm: float
 
-    A_RANGE_MM = (1.5, 3.5)
-    B_RANGE_MM = (1.0, 3.0)
-
     def __post_init__(self) -> None:
-        (a_low, a_high), (b_low, b_high) = self.A_RANGE_MM, self.B_RANGE_MM
-        if not (a_low <= self.a_mm <= a_high and b_low <= self.b_mm <= b_high):
-            nearest = (min(max(self.a_mm, a_low), a_high), min(max(self.b_mm, b_low), b_high))
-            raise DesignDomainError(
-                f"design a = {self.a_mm:g} mm, b = {self.b_mm:g} mm is outside the sampled domain "
-                f"{a_low:g} <= a <= {a_high:g} mm, {b_low:g} <= b <= {b_high:g} mm; "
-                f"the nearest design inside is a = {nearest[0]:g}, b = {nearest[1]:g} mm"
-            )
+        PAPER_DOMAIN.require_inside([[self.a_mm, self.b_mm]])
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from mbpam_ros.nodes.parameters import Parameter
 PARAMETERS = (
     Parameter("gripper", "gripper.yaml", "gripper file: design, metamodel, target and layout"),
     Parameter("estimator", "estimator.yaml", "estimator file: lag of the bend, drawn points"),
-    Parameter("metamodel", "", "prs, rbf or krg; empty: as the gripper file says"),
+    Parameter("metamodel", "", "prs, rbf, krg, rbf_gaussian or krg_nugget; empty: as the gripper file says"),
     Parameter("pressure_sigma_pa", 100.0, "one sigma of a measured pressure [Pa]", 0.0, 1e5, changeable=True),
     Parameter("marker_rate_hz", 10.0, "rate of finger_markers [Hz]", 0.1, 100.0),
 )

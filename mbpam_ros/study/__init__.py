@@ -1,1 +1,1 @@
-"""Offline work on top of the package: benchmarks and reports."""
+"""Offline work on top of the package: reports, finite elements, design study."""

@@ -16,7 +16,8 @@ import pytest
 from mbpam_ros.nodes.system import NODES, Operator  # isort: skip
 
 SOURCE = Path(__file__).parents[2]
-EXECUTABLES = {*NODES, "bringup", "demo", "calibrate_fe"}
+DESIGN_STUDY = {"sample_design", "compare_metamodels", "optimise_design"}
+EXECUTABLES = {*NODES, *DESIGN_STUDY, "bringup", "demo", "calibrate_fe"}
 START_S = 60.0
 STOP_S = 10.0
 COMMAND_S = 90.0

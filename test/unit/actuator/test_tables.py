@@ -1,6 +1,6 @@
 import pytest
 
-from mbpam_ros.actuator.tables import read_table
+from mbpam_ros.actuator.tables import read_columns, read_table
 from mbpam_ros.configuration import ConfigError
 
 
@@ -49,3 +49,24 @@ def test_an_empty_table_is_refused(table):
 def test_a_missing_file_is_refused(table):
     with pytest.raises(ConfigError, match="no such file"):
         read_table("absent.csv", "a")
+
+
+def test_a_table_of_the_users_is_read_from_its_path_and_a_bad_one_is_one_clear_line(tmp_path):
+    path = tmp_path / "own.csv"
+    path.write_text("a,b\n1,2\n3,4\n", encoding="utf-8")
+    assert read_columns(path, "a").tolist() == [[1.0, 3.0]]
+    with pytest.raises(ConfigError, match="nowhere.csv: no such file"):
+        read_columns(tmp_path / "nowhere.csv", "a")
+    path.write_text("a,b\n1,2\n3\n4,5,6\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="not a table") as caught:
+        read_columns(path, "a")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("text", "message"), [("", "empty"), ("a,b\n", "expected finite numbers in a")])
+def test_a_table_without_rows_is_refused(text, message, tmp_path, recwarn):
+    path = tmp_path / "own.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=message):
+        read_columns(path, "a")
+    assert not recwarn.list

@@ -1,0 +1,34 @@
+"""Write a command's results so that an interrupt leaves the old file or the new one."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+
+class ResultFileError(RuntimeError):
+    """A result could not be written; the message says where and why."""
+
+
+def write_json(path: Path, content: dict) -> None:
+    """Write JSON. Every number in it must be finite.
+
+    Raises:
+        ResultFileError: the folder cannot be written.
+    """
+    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8 text; folders are made.
+
+    Raises:
+        ResultFileError: the folder cannot be written.
+    """
+    beside = path.with_name(path.name + ".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside.write_text(text, encoding="utf-8")
+        beside.replace(path)
+    except OSError as error:
+        raise ResultFileError(f"cannot write {path}: {error.strerror or error}") from error

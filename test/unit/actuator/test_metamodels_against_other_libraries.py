@@ -1,0 +1,93 @@
+"""Kriging and radial basis functions against independent implementations: scikit-learn, and SciPy's splines."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.interpolate import RBFInterpolator
+
+pytest.importorskip("sklearn")
+
+from sklearn.gaussian_process import GaussianProcessRegressor  # noqa: E402
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, Matern  # noqa: E402
+from sklearn.kernel_ridge import KernelRidge  # noqa: E402
+
+from mbpam_ros.actuator.design import PAPER_DOMAIN  # noqa: E402
+from mbpam_ros.actuator.metamodel import (  # noqa: E402
+    CORRELATIONS,
+    TRAINING_TABLE,
+    TRENDS,
+    GaussianRadialBasis,
+    Kriging,
+    ThinPlateSpline,
+    read_samples,
+)
+
+DESIGN, THETA, FORCE = read_samples(TRAINING_TABLE)
+SCALED = PAPER_DOMAIN.scale(DESIGN)
+QUERY = np.random.default_rng(3).uniform([1.5, 1.0], [3.5, 3.0], size=(40, 2))
+SCALED_QUERY = PAPER_DOMAIN.scale(QUERY)
+RESPONSES = pytest.mark.parametrize("response", [THETA, FORCE], ids=["theta", "force"])
+FLAT_PRIOR = 1e6
+"""Variance of the trend's weights over the process's: with an infinite one a Gaussian process is universal kriging."""
+
+
+def correlation_kernel(name, lengths):
+    """Product over a and b, each factor blind to the other variable."""
+    first, second = [lengths[0], 1e9], [1e9, lengths[1]]
+    match name:
+        case "gaussian":
+            return RBF(lengths)
+        case "exponential":
+            return Matern(first, nu=0.5) * Matern(second, nu=0.5)
+        case "matern32":
+            return Matern(first, nu=1.5) * Matern(second, nu=1.5)
+        case "matern52":
+            return Matern(first, nu=2.5) * Matern(second, nu=2.5)
+
+
+TREND_KERNELS = {
+    "constant": ConstantKernel(FLAT_PRIOR),
+    "linear": FLAT_PRIOR * DotProduct(sigma_0=1.0),
+    "quadratic": FLAT_PRIOR * DotProduct(sigma_0=1.0) ** 2,
+}
+
+
+@RESPONSES
+@pytest.mark.parametrize("trend", TRENDS)
+@pytest.mark.parametrize("correlation", CORRELATIONS)
+def test_kriging_is_scikit_learns_gaussian_process_with_a_flat_prior_on_its_trend(response, trend, correlation):
+    model = Kriging(trend, correlation, nugget=1e-4).fit(DESIGN, response)
+    sigma = math.sqrt(model._state.variance)
+    kernel = correlation_kernel(correlation, model.length_scales) + TREND_KERNELS[trend]
+    other = GaussianProcessRegressor(kernel, alpha=model.nugget, optimizer=None).fit(SCALED, response / sigma)
+    mean, deviation = other.predict(SCALED_QUERY, return_std=True)
+    np.testing.assert_allclose(model.predict(QUERY), sigma * mean, rtol=0.0, atol=1e-4 * np.ptp(response))
+    expected = sigma**2 * (deviation**2 + model.nugget)
+    np.testing.assert_allclose(model.predict_variance(QUERY), expected, rtol=2e-3, atol=1e-6 * sigma**2)
+
+
+@RESPONSES
+def test_the_likelihood_is_scikit_learns(response):
+    model = Kriging(nugget=None).fit(DESIGN, response)
+    state, count = model._state, len(response)
+    kernel = ConstantKernel(state.variance) * RBF(model.length_scales)
+    other = GaussianProcessRegressor(kernel, alpha=state.variance * model.nugget, optimizer=None)
+    other.fit(SCALED, response - state.trend_weights[0])
+    loss, _ = model._likelihood_loss(np.log([*model.length_scales, model.nugget]))
+    expected = -other.log_marginal_likelihood_value_ - 0.5 * count * (1.0 + math.log(2.0 * math.pi))
+    assert loss == pytest.approx(expected, abs=1e-6)
+
+
+@RESPONSES
+def test_gaussians_are_scikit_learns_kernel_ridge(response):
+    model = GaussianRadialBasis().fit(DESIGN, response)
+    other = KernelRidge(kernel="rbf", gamma=model.epsilon**2, alpha=1e-8).fit(SCALED, response - response.mean())
+    expected = response.mean() + other.predict(SCALED_QUERY)
+    np.testing.assert_allclose(model.predict(QUERY), expected, rtol=0.0, atol=1e-6 * np.ptp(response))
+
+
+@RESPONSES
+def test_the_thin_plate_spline_is_scipys(response):
+    expected = RBFInterpolator(SCALED, response, kernel="thin_plate_spline", degree=1)(SCALED_QUERY)
+    np.testing.assert_allclose(ThinPlateSpline().fit(DESIGN, response).predict(QUERY), expected, rtol=1e-9)

@@ -1,0 +1,136 @@
+import json
+
+import numpy as np
+import pytest
+
+from mbpam_ros.actuator.metamodel import GaussianRadialBasis, PolynomialResponseSurface
+from mbpam_ros.study.design import compare_metamodels
+from mbpam_ros.study.design.accuracy import Accuracy
+from mbpam_ros.study.design.compare_metamodels import main, published_errors
+from mbpam_ros.study.design.comparison import judge
+from mbpam_ros.study.design.samples import RESPONSES, Samples
+
+TRAINING, VALIDATION = Samples.of_the_paper("doe_training.csv"), Samples.of_the_paper("doe_validation.csv")
+EQUATIONS = {
+    "theta_max": [-329.2005, 339.6515, 203.7575, -118.5423, -69.3005, -17.2730, 16.9488, 7.4029],
+    "f_max": [-0.6614, 0.8489, 1.2680, -0.3633, -0.5750, -0.0491, 0.0475, 0.0809],
+}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    path = tmp_path_factory.mktemp("comparison") / "new" / "table.json"
+    assert main(["--json", str(path)]) == 0
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def from_published(figures, metamodel, response):
+    paper = published_errors()[metamodel, response]
+    return {
+        "r2": figures["r2"] - paper["r2"],
+        "rmse": figures["rmse_normalised"] - paper["rmse"],
+        "mre": figures["mre_normalised"] - paper["mre"],
+    }
+
+
+@pytest.mark.parametrize("response", RESPONSES)
+def test_the_rows_of_table_3_come_back(written, response):
+    surface = from_published(written["PRS"][response], "PRS", response)
+    spline = from_published(written["RBF"][response], "RBF", response)
+    kriging = from_published(written["KRG"][response], "KRG", response)
+    assert max(map(abs, surface.values())) < 0.0003
+    assert max(map(abs, spline.values())) < 0.0002
+    assert abs(kriging["r2"]) < 0.01
+
+
+@pytest.mark.parametrize("response", RESPONSES)
+def test_equations_9_and_10_come_back(written, response):
+    tolerance = {"theta_max": 1e-4, "f_max": 2e-3}[response]
+    found = written["PRS"][response]["parameters"]["coefficients"]
+    np.testing.assert_allclose(found, EQUATIONS[response], rtol=tolerance)
+
+
+@pytest.mark.parametrize("response", RESPONSES)
+def test_gaussians_of_no_width_have_the_papers_row(response):
+    paper = np.array(list(published_errors()["RBF", response].values()))
+    model = GaussianRadialBasis()
+    model.fit(TRAINING.design_mm, TRAINING.responses[response])
+    deviation = TRAINING.responses[response] - TRAINING.responses[response].mean()
+    nearest = np.inf
+    for epsilon in np.geomspace(0.05, 10.0, 400):
+        model.epsilon, model._weights = epsilon, np.linalg.solve(model._matrix(epsilon), deviation)
+        found = Accuracy.of(model.predict(VALIDATION.design_mm), VALIDATION.responses[response])
+        row = np.array([found.r2, found.rmse_normalised, found.mre_normalised])
+        nearest = min(nearest, np.abs(row - paper).max())
+    assert nearest > 0.0005
+
+
+def test_physical_figures_are_the_normalised_ones_times_the_range(written):
+    assert written["PRS"]["theta_max"]["rmse"] == pytest.approx(1.88, abs=0.01)
+    assert written["PRS"]["f_max"]["rmse"] == pytest.approx(0.0202, abs=1e-4)
+    for rows in written.values():
+        for key, figures in rows.items():
+            spread = np.ptp(VALIDATION.responses[key])
+            assert figures["rmse"] == pytest.approx(spread * figures["rmse_normalised"])
+            assert figures["mre"] == pytest.approx(spread * figures["mre_normalised"])
+
+
+def test_kriging_says_what_it_solved_with_and_every_row_what_it_costs(written):
+    parameters = written["KRG"]["f_max"]["parameters"]
+    assert parameters["nugget"] == 1e-10 and 1.0 < parameters["condition_number"] < 1e12
+    for rows in written.values():
+        for figures in rows.values():
+            assert 0.0 < figures["one_evaluation_s"] < figures["ten_thousand_evaluations_s"]
+            assert figures["fit_s"] > 0.0
+
+
+def write_csv(path, samples, rows=slice(None)):
+    columns = np.column_stack([samples.design_mm, *samples.responses.values()])[rows]
+    np.savetxt(path, columns, delimiter=",", header="a_mm,b_mm,theta_max_deg,f_max_n", comments="")
+    return str(path)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    monkeypatch.setattr(compare_metamodels, "METAMODELS", {"prs": PolynomialResponseSurface})
+
+
+def test_samples_of_ones_own_have_a_domain_of_their_own(tmp_path, quick, capsys):
+    scaled = [Samples(3.0 + 2.0 * table.design_mm, table.responses) for table in (TRAINING, VALIDATION)]
+    training, validation = (write_csv(tmp_path / f"{i}.csv", table) for i, table in enumerate(scaled))
+    path = tmp_path / "own.json"
+    assert main(["--training", training, "--validation", validation, "--json", str(path)]) == 0
+    # A cubic of scaled variables is a cubic: the errors are those of the paper's tables.
+    assert json.loads(path.read_text())["PRS"]["theta_max"]["r2"] == pytest.approx(0.9964, abs=1e-4)
+    assert "paper" not in capsys.readouterr().out
+
+
+def test_without_samples_to_judge_on_each_is_left_out_in_turn():
+    judged = judge(PolynomialResponseSurface, TRAINING, None)
+    assert judged["theta_max"].predicted.shape == (21,)
+    assert (
+        judged["theta_max"].accuracy.rmse
+        > judge(PolynomialResponseSurface, TRAINING, VALIDATION)["theta_max"].accuracy.rmse
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--training", "nowhere.csv"], "nowhere.csv: no such file"),
+        (["--validation", "doe_validation.csv"], "needs --training"),
+        (["--training", "{few}"], "at least 8 designs"),
+        (["--training", "{half}", "--validation", "nowhere.csv"], "nowhere.csv: no such file"),
+        (["--training", "{half}", "--validation", "{all}"], "nearest design inside"),
+        (["--json", "{few}/table.json"], "cannot write"),
+    ],
+)
+def test_what_cannot_be_compared_is_said_in_one_line(arguments, message, tmp_path, quick, capsys, monkeypatch):
+    files = {
+        "few": write_csv(tmp_path / "few.csv", TRAINING, slice(0, 5)),
+        "half": write_csv(tmp_path / "half.csv", TRAINING, np.flatnonzero(TRAINING.design_mm[:, 0] < 3.0)),
+        "all": write_csv(tmp_path / "all.csv", VALIDATION),
+    }
+    assert main([argument.format(**files) for argument in arguments]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("compare_metamodels: ") and message in said and said.count("\n") == 1

@@ -1,0 +1,39 @@
+import json
+
+import numpy as np
+import pytest
+
+from mbpam_ros.study.design.sample_design import main
+
+
+def test_designs_are_printed_and_written_beside_the_papers_figures(tmp_path, capsys):
+    table, figures = tmp_path / "designs.csv", tmp_path / "designs.json"
+    assert main(["--restarts", "1", "--csv", str(table), "--json", str(figures)]) == 0
+    said, rows = capsys.readouterr().out, np.genfromtxt(table, delimiter=",", names=True)
+    assert rows.dtype.names == ("no", "a_mm", "b_mm") and len(rows) == 21
+    assert (rows["a_mm"].min(), rows["a_mm"].max(), rows["b_mm"].min(), rows["b_mm"].max()) == (1.5, 3.5, 1.0, 3.0)
+    result = json.loads(figures.read_text())
+    assert result["points"] == np.column_stack([rows["a_mm"], rows["b_mm"]]).tolist()
+    # Table 1's closest two points: steps of 3 of 20 levels in both variables.
+    paper = result["space_filling"]["paper_over_a_b"]
+    assert paper["smallest_distance"] == pytest.approx(np.hypot(3, 3) / 20.0)
+    assert f"{paper['discrepancy']:.6f}" in said
+
+
+def test_four_variables_have_whole_waves_within_the_papers_ranges(tmp_path):
+    path = tmp_path / "designs.json"
+    assert main(["--variables", "a,b,c,n", "--count", "12", "--restarts", "1", "--seed", "3", "--json", str(path)]) == 0
+    result = json.loads(path.read_text())
+    points = np.array(result["points"])
+    assert points.shape == (12, 4)
+    assert np.all(points >= [1.5, 1.0, 1.0, 6.0]) and np.all(points <= [3.5, 3.0, 3.0, 14.0])
+    np.testing.assert_array_equal(points[:, 3], np.round(points[:, 3]))
+    assert result["space_filling"]["design_over_a_b"] != result["space_filling"]["design"]
+
+
+def test_what_cannot_be_sampled_is_said_in_one_line(tmp_path, capsys):
+    assert main(["--count", "1"]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("sample_design: ") and "at least 2 points" in said and said.count("\n") == 1
+    with pytest.raises(SystemExit, match="2"):
+        main(["--seed", "-1"])
