@@ -10,7 +10,7 @@ arms of a cross of thickness b:
 One octant of the section (0 to 45 deg) is meshed with five blocks - three in the core of the cross, one in the arm,
 one in the wall - then mirrored and turned. Of a half section the bending plane is y = 0 and the mesh fills y >= 0. It
 holds chambers 1 and 2 for ``pdc`` (4 and 3 are their mirror images); for ``psc`` the muscle is turned by -45 deg and
-half of chamber 1, all of chamber 2 and half of chamber 3 are in it (4 is the image of 2). ``full`` is the whole section.
+half of chamber 1, all of chamber 2 and half of chamber 3 are in it (4 is the image of 2). ``full`` is all of it.
 """
 
 from __future__ import annotations

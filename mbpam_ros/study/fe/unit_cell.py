@@ -203,6 +203,18 @@ class UnitCell:
         x = self.positions_mm(unknowns)
         return self._copies * sum(gas.value(x) for gas in self._gas.values())
 
+    def section_turn_rad(self, unknowns: NDArray[np.float64]) -> float:
+        """Return by how much the section at z = 0 is turned about z, least squares over its nodes.
+
+        The full section is kept from turning by one node only, which moves as its surroundings do; directions count
+        from the section. A half section does not turn.
+        """
+        if self.pattern != "full":
+            return 0.0
+        rest, now = (x[self.mesh.points_mm[:, 2] == 0.0, :2] for x in (self.mesh.points_mm, self._flat(unknowns)[:-1]))
+        turn = (rest - rest.mean(axis=0)).T @ (now - now.mean(axis=0))
+        return math.atan2(turn[0, 1] - turn[1, 0], turn[0, 0] + turn[1, 1])
+
     def potential_n_mm(self, unknowns: NDArray[np.float64], pressure_gauge_mpa: float) -> float:
         """Return Pi of the meshed section [N mm], without outer moment."""
         x = self.positions_mm(unknowns)
@@ -251,7 +263,7 @@ class UnitCell:
         free[centre, 0] = False  # both planes let the cell slide along x: its place there means nothing
         if self.pattern == "full":
             free[centre, 1] = False
-            free[self._core_node(points), 1] = False  # nor does its azimuth: that of the core is the section's
+            free[self._core_node(points), 1] = False  # nor does its azimuth (see section_turn_rad)
         else:
             free[points[:, 1] == 0.0, 1] = False
         self._free = np.flatnonzero(free.ravel())

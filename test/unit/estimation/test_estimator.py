@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from mbpam_ros.actuator.calibration import calibrated_rod_law
+from mbpam_ros.actuator.calibration import calibrate, calibrated_rod_law
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, pressurised_chambers
 from mbpam_ros.actuator.equilibrium import hanging_bend
 from mbpam_ros.actuator.kinematics import tip_pose
@@ -192,9 +192,9 @@ def test_the_callers_arrays_are_left_alone(estimator):
 
 def test_bases_of_other_than_four_fingers_are_refused():
     performance = load_metamodel("prs").predict(GRIPPER.design)
-    law = calibrated_rod_law(GRIPPER.design, GRIPPER.geometry)
+    calibration = calibrate(GRIPPER.design, GRIPPER.geometry)
     with pytest.raises(ValueError, match="finger_base_m"):
-        BendEstimator(law, GRIPPER.geometry, np.zeros((3, 3)), performance, CONFIG)
+        BendEstimator(calibration, GRIPPER.geometry, np.zeros((3, 3)), performance, CONFIG)
 
 
 @pytest.mark.parametrize(
