@@ -16,6 +16,7 @@ exclude each other.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -36,6 +37,9 @@ from mbpam_ros.actuator.planar_rod import (
 
 FRICTION_COEFFICIENT = 0.6
 """Between plate and muscle; paper, section 2.3."""
+
+_SLIDING = 1e-9
+"""Friction this close to its limit, relative to it, is that of sliding."""
 
 _LARGEST_RESIDUAL = 1e-8
 """Of the closing conditions [rad, muscle lengths]: 1e-9 m."""
@@ -100,21 +104,33 @@ class _Plate:
         self._load, self._geometry, self._friction, self._weight = load, geometry, friction, weight_n_m
 
     def contact(self, last: PlateContact, growth: float) -> PlateContact:
-        """Return the contact after ``last``; ``growth`` is that of M0 since then, from which it is looked for."""
+        """Return the contact after ``last``; ``growth`` is that of M0 since then, from which it is looked for.
+
+        What it did last is tried first. A case may have no solution at all; then it is not the one.
+
+        Raises:
+            RodSolutionError: none of the three cases has a solution.
+        """
         angle, push, friction = growth * last.tip_angle_rad, growth * last.push_n, growth * last.friction_n
-        if abs(last.friction_n) < self._friction * last.push_n * (1.0 - 1e-9):  # it stuck: most likely it still does
-            stuck = self._sticking([angle, push, friction], last.rim_z_m)
-            if abs(stuck.friction_n) <= self._friction * stuck.push_n:
-                return stuck
-        up = self._sliding([angle, push], -self._friction)
-        if up.rim_z_m >= last.rim_z_m or self._friction == 0.0:
-            return up
-        down = self._sliding([up.tip_angle_rad, up.push_n], self._friction)
-        if down.rim_z_m <= last.rim_z_m:
-            return down
-        share = (last.rim_z_m - up.rim_z_m) / (down.rim_z_m - up.rim_z_m)
-        push, friction, angle, _ = ((1.0 - share) * a + share * b for a, b in zip(up, down, strict=True))
-        return self._sticking([angle, push, friction], last.rim_z_m)
+        direction = math.copysign(1.0, last.friction_n)
+        stuck = (self._sticking, ([angle, push, friction], last.rim_z_m))
+        same, other = ((self._sliding, ([angle, push], sign * self._friction)) for sign in (direction, -direction))
+        is_stuck = abs(last.friction_n) < self._friction * last.push_n * (1.0 - _SLIDING)
+        failure = RodSolutionError(f"the blocked rod neither slides nor sticks with M0 = {self._load.moment_n_m:.4g} N m")
+        for solve, arguments in (stuck, same, other) if is_stuck else (same, stuck, other):
+            try:
+                found = solve(*arguments)
+            except RodSolutionError as error:
+                failure = error
+            else:
+                if self._is_admissible(found, last.rim_z_m):
+                    return found
+        raise failure
+
+    def _is_admissible(self, contact: PlateContact, last_rim_z_m: float) -> bool:
+        """Friction within its cone, and against the motion, if any."""
+        within = abs(contact.friction_n) <= self._friction * contact.push_n * (1.0 + _SLIDING)
+        return within and contact.friction_n * (contact.rim_z_m - last_rim_z_m) <= 0.0
 
     def _sliding(self, guess: list[float], upright_per_push: float) -> PlateContact:
         def residual(unknowns: NDArray[np.float64]) -> list[float]:
@@ -147,6 +163,6 @@ class _Plate:
         if np.abs(found.fun).max() > _LARGEST_RESIDUAL or found.x[1] <= 0.0:
             raise RodSolutionError(
                 f"no equilibrium of the blocked rod with M0 = {1e3 * self._load.moment_n_m:.4g} N mm, "
-                f"B = {1e6 * self._load.stiffness_n_m2:.4g} N mm2: {found.message}"
+                f"B = {1e6 * self._load.stiffness_n_m2:.4g} N mm2: {' '.join(found.message.split())}"
             )
         return found.x.tolist()
