@@ -116,7 +116,9 @@ class _Plate:
         stuck = (self._sticking, ([angle, push, friction], last.rim_z_m))
         same, other = ((self._sliding, ([angle, push], sign * self._friction)) for sign in (direction, -direction))
         is_stuck = abs(last.friction_n) < self._friction * last.push_n * (1.0 - _SLIDING)
-        failure = RodSolutionError(f"the blocked rod neither slides nor sticks with M0 = {self._load.moment_n_m:.4g} N m")
+        failure = RodSolutionError(
+            f"the blocked rod neither slides nor sticks with M0 = {self._load.moment_n_m:.4g} N m"
+        )
         for solve, arguments in (stuck, same, other) if is_stuck else (same, stuck, other):
             try:
                 found = solve(*arguments)
@@ -154,9 +156,7 @@ class _Plate:
     def _shot(self, angle: float, push: float, friction: float) -> Shot:
         load = self._load
         compliance = 1.0 / load.stiffness_n_m2
-        return shoot(
-            angle, load.moment_n_m, compliance, self._geometry, self._weight, load.stretch, push, friction
-        )
+        return shoot(angle, load.moment_n_m, compliance, self._geometry, self._weight, load.stretch, push, friction)
 
     def _solved(self, residual: Callable[[NDArray[np.float64]], list[float]], guess: list[float]) -> list[float]:
         found = root(residual, guess, tol=1e-11)

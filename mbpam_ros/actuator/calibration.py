@@ -7,7 +7,7 @@ deflection (:mod:`~mbpam_ros.actuator.blocked_rod`). The shapes over pressure an
 the finite element unit cell.
 
 For each trial factor on M0 the angle alone gives B; the secant method then finds the factor that gives the force. The
-pressure is raised in steps of 5 kPa, because friction remembers; halving them changes the force by less than 0.1 %.
+pressure is raised in steps of 5 kPa, because friction remembers; halving them changes the force by less than 0.2 %.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def pattern_loads(law: RodLaw, pattern: str, pressure_gauge_pa: ArrayLike) -> li
 def _factors(
     pattern: str, target: PatternTarget, geometry: MuscleGeometry, pdc_stiffness: float | None = None
 ) -> PatternFactors:
-    """Return the factors of ``pattern`` with which the rod returns ``target``; PSC's depend on PDC's on the stiffness."""
+    """Return the factors of ``pattern`` with which the rod returns ``target``; PSC's need PDC's on the stiffness."""
     law = finite_element_rod_law()
     unscaled = pattern_loads(law, pattern, _PRESSURES_PA)
     nominal = unscaled[-1]

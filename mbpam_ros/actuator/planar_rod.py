@@ -17,7 +17,7 @@ the weight bends the rod, (B / w)^(1/3) = 0.1 m against steps of 0.008 m; halvin
 
 Solutions are followed from the weightless rod by raising gravity (Newton's method at each level): the branch a
 muscle is on that was inflated upright. Branches on which a heavy column lies buckled the other way need a weight
-w (L + 2 l)^3 / B above 7.84 (uniform column, no pressure); the initial design has 3.0, the softest corner of the domain 6.7.
+w (L + 2 l)^3 / B above 7.84 (uniform column, no pressure); the initial design has 3.0, the softest of the domain 6.7.
 """
 
 from __future__ import annotations

@@ -89,7 +89,9 @@ def test_samples_that_make_no_law_are_refused(field, change, message):
         changed(law, **{field: change(getattr(law, field))})
 
 
-@pytest.mark.parametrize("content", ["{}", "no json", '{"settings": {"geometry": {"active_length_mm": 100}}, "tables": []}'])
+@pytest.mark.parametrize(
+    "content", ["{}", "no json", '{"settings": {"geometry": {"active_length_mm": 100}}, "tables": []}']
+)
 def test_a_file_that_is_no_law_is_a_configuration_error_that_names_it(content, tmp_path, monkeypatch):
     (tmp_path / "data").mkdir()
     (tmp_path / "gripper.yaml").write_text("")

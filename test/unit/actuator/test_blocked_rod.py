@@ -59,7 +59,7 @@ def test_force_friction_and_angle_are_those_of_an_independent_solver(loads, pres
     contact = blocked_path(loads[:count], GEOMETRY)[-1]
     slip = abs(abs(contact.friction_n) / contact.push_n - FRICTION_COEFFICIENT)
     found = boundary_value_solution(loads[count - 1], contact, is_sliding=slip < 1e-9)
-    assert (contact.push_n, contact.friction_n, contact.tip_angle_rad) == pytest.approx(found, rel=1e-5, abs=5e-6)
+    assert (contact.push_n, contact.friction_n, contact.tip_angle_rad) == pytest.approx(found, rel=1e-4, abs=3e-5)
 
 
 @pytest.mark.parametrize("loads", [*PATHS.values(), INEXTENSIBLE], ids=["pdc", "psc", "inextensible"])

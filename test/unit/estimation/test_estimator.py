@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from mbpam_ros.actuator.calibration import calibrate, calibrated_rod_law
+from mbpam_ros.actuator.calibration import calibrate, calibrated_rod_law, calibration_targets
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, pressurised_chambers
 from mbpam_ros.actuator.equilibrium import hanging_bend
 from mbpam_ros.actuator.kinematics import tip_pose
@@ -94,10 +94,11 @@ def test_centrelines_run_from_the_clamps_to_the_tips(estimator):
     np.testing.assert_allclose(lines[:, -1], estimate.tip_position_m, atol=1e-15)
 
 
-def test_the_available_force_at_100_kpa_is_the_metamodels(estimator):
-    estimate = estimator.update(0.0, all_fingers([1, 1, 0, 0]), QUIET)
-    force = load_metamodel(GRIPPER.metamodel).predict(GRIPPER.design).f_max_n
-    np.testing.assert_allclose(estimate.tip_force_n, force, rtol=1e-9)
+@pytest.mark.parametrize(("pattern", "chambers"), [("pdc", [1, 1, 0, 0]), ("psc", [1, 0, 0, 0])])
+def test_the_available_force_at_100_kpa_is_the_calibrations_target(estimator, pattern, chambers):
+    estimate = estimator.update(0.0, all_fingers(chambers), QUIET)
+    target = calibration_targets(GRIPPER.design, GRIPPER.metamodel, GRIPPER.target)[pattern]
+    np.testing.assert_allclose(estimate.tip_force_n, target.f_max_n, rtol=1e-9)
 
 
 def test_without_pressure_noise_sigma_is_the_metamodels_relative_error(estimator):
