@@ -32,7 +32,7 @@ LAW_FILE = "data/fe_bending_law.json"
 
 
 @dataclass(frozen=True, eq=False)
-class BendingLaw:
+class CellLaw:
     """Samples of one pattern's law on a grid of n pressures and m curvatures. SI units.
 
     Args:
@@ -122,7 +122,7 @@ class BendingLaw:
 
 
 @functools.lru_cache(maxsize=1)
-def stored_bending_laws() -> dict[str, BendingLaw]:
+def stored_cell_laws() -> dict[str, CellLaw]:
     """Return the laws of ``pdc`` and ``psc`` at the initial design.
 
     Raises:
@@ -137,7 +137,7 @@ def stored_bending_laws() -> dict[str, BendingLaw]:
         raise ConfigError(f"{path}: no bending law of calibrate_fe: {error}") from error
 
 
-def _from_tables(tables: list[dict], pattern: str, length_m: float) -> BendingLaw:
+def _from_tables(tables: list[dict], pattern: str, length_m: float) -> CellLaw:
     rows = sorted((row for row in tables if row["pattern"] == pattern), key=lambda row: row["p_kpa"])
     bend_deg = rows[0]["bend_deg"]
     if any(row["bend_deg"] != bend_deg for row in rows):
@@ -146,7 +146,7 @@ def _from_tables(tables: list[dict], pattern: str, length_m: float) -> BendingLa
         name: np.array([row[name] for row in rows], dtype=float)
         for name in ("moment_n_mm", "axis_stretch", "gas_volume_mm3")
     }
-    return BendingLaw(
+    return CellLaw(
         pressure_gauge_pa=1e3 * np.array([row["p_kpa"] for row in rows], dtype=float),
         curvature_per_m=np.radians(bend_deg) / length_m,
         moment_n_m=1e-3 * samples["moment_n_mm"],

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import newton
 
-from mbpam_ros.actuator.bending_law import PATTERNS, stored_bending_laws
+from mbpam_ros.actuator.bending_law import PATTERNS, stored_cell_laws
 from mbpam_ros.actuator.blocked_rod import RodLoad, blocked_path
 from mbpam_ros.actuator.design import MuscleDesign, MuscleGeometry
 from mbpam_ros.actuator.metamodel import load_metamodel
@@ -126,7 +126,7 @@ def pattern_loads(law: RodLaw, pattern: str, pressure_gauge_pa: ArrayLike) -> li
         ConfigError: the stored law is missing or unreadable.
     """
     moment, stiffness = law.of_pattern(pattern, pressure_gauge_pa)
-    cell = stored_bending_laws()[pattern]
+    cell = stored_cell_laws()[pattern]
     straight, slope = (
         np.interp(pressure_gauge_pa, cell.pressure_gauge_pa, table)
         for table in (cell.straight_stretch, cell.stretch_slope_m)

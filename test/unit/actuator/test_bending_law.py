@@ -3,16 +3,16 @@ import json
 import numpy as np
 import pytest
 
-from mbpam_ros.actuator.bending_law import LAW_FILE, BendingLaw, stored_bending_laws
+from mbpam_ros.actuator.bending_law import LAW_FILE, CellLaw, stored_cell_laws
 from mbpam_ros.configuration import DIRECTORY_VARIABLE, ConfigError, config_path
 
-LAWS = stored_bending_laws()
+LAWS = stored_cell_laws()
 BOTH_PATTERNS = pytest.mark.parametrize("pattern", ["pdc", "psc"])
 
 
 def changed(law, **fields):
     names = ("pressure_gauge_pa", "curvature_per_m", "moment_n_m", "axis_stretch", "gas_volume_m3")
-    return BendingLaw(**{name: fields.get(name, getattr(law, name)) for name in names})
+    return CellLaw(**{name: fields.get(name, getattr(law, name)) for name in names})
 
 
 @BOTH_PATTERNS
@@ -98,7 +98,7 @@ def test_a_file_that_is_no_law_is_a_configuration_error_that_names_it(content, t
     (tmp_path / LAW_FILE).write_text(content)
     monkeypatch.setenv(DIRECTORY_VARIABLE, str(tmp_path))
     with pytest.raises(ConfigError, match="fe_bending_law.json: no bending law of calibrate_fe"):
-        stored_bending_laws.__wrapped__()
+        stored_cell_laws.__wrapped__()
 
 
 def test_the_file_says_how_it_was_made():

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from mbpam_ros.actuator.bending_law import stored_bending_laws
+from mbpam_ros.actuator.bending_law import stored_cell_laws
 from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.chambers import pressurised_chambers
 from mbpam_ros.actuator.equilibrium import hanging_bend
@@ -44,7 +44,7 @@ def test_psc_and_pdc_come_back_exactly(pattern, chambers, pressure_gauge_pa):
 
 @pytest.mark.parametrize(("pattern", "chambers"), [("psc", [1, 0, 0, 0]), ("pdc", [1, 1, 0, 0])])
 def test_the_uncalibrated_law_returns_free_bend_and_straight_moment_of_the_unit_cell(pattern, chambers):
-    cell = stored_bending_laws()[pattern]
+    cell = stored_cell_laws()[pattern]
     law = finite_element_rod_law()
     moment, stiffness = law.moment_and_stiffness(cell.pressure_gauge_pa[:, None] * np.array(chambers))
     size = np.hypot(*moment.T)
