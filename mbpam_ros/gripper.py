@@ -28,7 +28,8 @@ class Gripper:
         metamodel: surrogate that gives the design's greatest bend and force.
         target: scale to the paper's finite element values or to its measured ones.
         finger_circle_radius_m: distance of the finger axes from the palm's centre.
-        pressure_limit_gauge_pa: hard limit of any set-point and of any chamber.
+        pressure_limit_gauge_pa: hard limit of any set-point.
+        over_pressure_gauge_pa: a chamber above this vents at once; above the limit by more than overshoot and noise.
     """
 
     design: MuscleDesign
@@ -37,9 +38,15 @@ class Gripper:
     target: Literal["fe", "test"]
     finger_circle_radius_m: float
     pressure_limit_gauge_pa: float
+    over_pressure_gauge_pa: float
 
     def __post_init__(self) -> None:
         require_positive(self, "finger_circle_radius_m", "pressure_limit_gauge_pa")
+        if not self.over_pressure_gauge_pa > self.pressure_limit_gauge_pa:
+            raise ValueError(
+                f"over_pressure_gauge_pa = {self.over_pressure_gauge_pa:g} must be above pressure_limit_gauge_pa = "
+                f"{self.pressure_limit_gauge_pa:g}"
+            )
         closest = 2.0 * self.finger_circle_radius_m * math.sin(math.pi / FINGER_COUNT)
         if closest < 2.0 * self.geometry.outer_radius_m:
             raise ValueError(

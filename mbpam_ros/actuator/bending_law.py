@@ -1,7 +1,7 @@
 """The finite element unit cell's bending law as stored in ``config/data/fe_bending_law.json``: read, and as lines.
 
-Per pattern (PDC, PSC) the file holds samples of the moment M(p, kappa), the axis's stretch s(p, kappa) and the gas
-volume V(p, kappa) of the pressurised chambers over the active length; kappa is the bend over the unstretched length.
+Per pattern (PDC, PSC) the file holds samples of the moment M(p, kappa) and the axis's stretch s(p, kappa) of the active
+length, kappa being the bend over the unstretched length (its gas volumes: :mod:`~mbpam_ros.actuator.gas_volume`).
 The rods that run need a straight line at each pressure,
 
     M = B kappa - M0,
@@ -20,15 +20,14 @@ import json
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PchipInterpolator, RectBivariateSpline
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
+from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.configuration import ConfigError, config_path
 
 PATTERNS = ("pdc", "psc")
 """Two adjacent chambers under pressure, and one."""
-
-LAW_FILE = "data/fe_bending_law.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +39,6 @@ class CellLaw:
         curvature_per_m: shape (m,), rising, with 0 among them.
         moment_n_m: outer moment that holds the muscle so, shape (n, m), rising with the curvature.
         axis_stretch: length of the axis over its length at rest, shape (n, m).
-        gas_volume_m3: of all pressurised chambers over the active length, shape (n, m).
 
     Raises:
         ValueError: the samples break one of these, or no free bend lies within them.
@@ -50,7 +48,6 @@ class CellLaw:
     curvature_per_m: NDArray[np.float64]
     moment_n_m: NDArray[np.float64]
     axis_stretch: NDArray[np.float64]
-    gas_volume_m3: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         pressure, curvature = self.pressure_gauge_pa, self.curvature_per_m
@@ -58,7 +55,7 @@ class CellLaw:
             raise ValueError("the pressures must rise from 0")
         if np.any(np.diff(curvature) <= 0.0) or np.count_nonzero(curvature == 0.0) != 1:
             raise ValueError("the curvatures must rise and 0 must be one of them")
-        for name in ("moment_n_m", "axis_stretch", "gas_volume_m3"):
+        for name in ("moment_n_m", "axis_stretch"):
             if getattr(self, name).shape != (pressure.size, curvature.size):
                 raise ValueError(f"{name} must have one value per pressure and curvature")
         if np.any(np.diff(self.moment_n_m, axis=1) <= 0.0):
@@ -106,16 +103,6 @@ class CellLaw:
         slope[1:] = (np.array(free) - self.straight_stretch)[1:] / self.free_curvature_per_m[1:]
         return slope
 
-    def gas_volume_at(self, pressure_gauge_pa: ArrayLike, curvature_per_m: ArrayLike) -> NDArray[np.float64]:
-        """Return the volume [m3] of the pressurised chambers; the arguments broadcast, held within the samples."""
-        pressure = np.clip(pressure_gauge_pa, 0.0, self.pressure_gauge_pa[-1])
-        curvature = np.clip(curvature_per_m, self.curvature_per_m[0], self.curvature_per_m[-1])
-        return self._volume(pressure, curvature, grid=False)
-
-    @functools.cached_property
-    def _volume(self) -> RectBivariateSpline:
-        return RectBivariateSpline(self.pressure_gauge_pa, self.curvature_per_m, self.gas_volume_m3, kx=1, ky=1)
-
     @functools.cached_property
     def _straight(self) -> int:
         return int(np.flatnonzero(self.curvature_per_m == 0.0)[0])
@@ -142,14 +129,10 @@ def _from_tables(tables: list[dict], pattern: str, length_m: float) -> CellLaw:
     bend_deg = rows[0]["bend_deg"]
     if any(row["bend_deg"] != bend_deg for row in rows):
         raise ValueError(f"the pressures of {pattern} are sampled at different bends")
-    samples = {
-        name: np.array([row[name] for row in rows], dtype=float)
-        for name in ("moment_n_mm", "axis_stretch", "gas_volume_mm3")
-    }
+    samples = {name: np.array([row[name] for row in rows], dtype=float) for name in ("moment_n_mm", "axis_stretch")}
     return CellLaw(
         pressure_gauge_pa=1e3 * np.array([row["p_kpa"] for row in rows], dtype=float),
         curvature_per_m=np.radians(bend_deg) / length_m,
         moment_n_m=1e-3 * samples["moment_n_mm"],
         axis_stretch=samples["axis_stretch"],
-        gas_volume_m3=1e-9 * samples["gas_volume_mm3"],
     )

@@ -17,7 +17,7 @@ closing    release                                                      releasin
 holding    release                                                      releasing            regulate to 0
 releasing  all pressures down                                           idle                 regulate to 0
 releasing  they are not before the time-out                             fault                vent
-any        stop, or a pressure above the limit                          fault                vent
+any        stop, or over-pressure                                       fault                vent
 fault      release (lets go of an object a fault has kept)              fault                vent
 fault      reset, pressures down and known, no fault reported           idle                 regulate to 0
 ========== ============================================================ ==================== ==============
@@ -218,7 +218,8 @@ class Arbiter:
         config: pressures and times.
         modes: the grasp modes by name.
         selector: picks the mode of a detected object.
-        pressure_limit_gauge_pa: a chamber above it is a fault.
+        pressure_limit_gauge_pa: greatest grip pressure.
+        over_pressure_gauge_pa: a chamber above it is a fault.
 
     Raises:
         ValueError: a mode's grip pressure is above the limit.
@@ -230,6 +231,7 @@ class Arbiter:
         modes: Mapping[str, GraspMode],
         selector: ModeSelector,
         pressure_limit_gauge_pa: float,
+        over_pressure_gauge_pa: float,
     ) -> None:
         for name in MODE_NAMES:
             grip_pa = getattr(config.grip_pressure_gauge_pa, name)
@@ -241,7 +243,7 @@ class Arbiter:
         self._config = config
         self._modes = modes
         self._selector = selector
-        self._limit_pa = pressure_limit_gauge_pa
+        self._over_pressure_pa = over_pressure_gauge_pa
         self._time_s = -math.inf
         self._clock_offset_s = 0.0
         self._pressure_pa = np.full(CHANNEL_COUNT, np.nan)
@@ -392,9 +394,9 @@ class Arbiter:
     def _update(self, time_s: float) -> None:
         """Make the transitions that time and observations call for. Safety first."""
         self._advance(time_s)
-        over = self._pressure_pa > self._limit_pa
+        over = self._pressure_pa > self._over_pressure_pa
         if over.any() and not (self._situation.phase is Phase.FAULT and self._situation.air is Air.VENT):
-            self._fault(f"pressure above the limit of {self._limit_pa:g} Pa: {self._readings(over)}", Air.VENT)
+            self._fault(f"over-pressure, above {self._over_pressure_pa:g} Pa: {self._readings(over)}", Air.VENT)
         elif self._situation.phase in _GRASPING:
             self._while_grasping()
         elif self._situation.phase is Phase.RELEASING:

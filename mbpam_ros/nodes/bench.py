@@ -34,7 +34,7 @@ from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.messages import joint_state
 from mbpam_ros.nodes.progress import LiveLine, table
-from mbpam_ros.nodes.runtime import LATCHED, STREAM
+from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
 
@@ -176,7 +176,7 @@ class Bench:
         with self._running("setpoint", executables, arguments) as (_, operator):
             latest: list[tuple[float, JointState]] = []
             operator.node.create_subscription(
-                JointState, "valve_commands", lambda message: latest.append((time.perf_counter(), message)), STREAM
+                JointState, "valve_commands", lambda message: latest.append((time.perf_counter(), message)), NEWEST
             )
             setpoints = operator.node.create_publisher(JointState, "pressure_setpoints", STREAM)
             operator.wait_for(lambda: setpoints.get_subscription_count() > 0 and bool(latest), WAIT_S, "valve commands")

@@ -26,7 +26,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.nodes.progress import LiveLine, table
-from mbpam_ros.nodes.runtime import LATCHED, STREAM
+from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
 from mbpam_ros.plant.scene import Scene, load_scene
 from mbpam_ros.study.grasp_report import GraspRecord, ReportError, draw_report
 
@@ -73,8 +73,8 @@ class Watcher:
         subscribe(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
         subscribe(MarkerArray, "detections", self._on_detections, STREAM)
         subscribe(CompressedImage, "detections/image", self._on_overlay, STREAM)
-        subscribe(JointState, "chamber_states", self._on_chamber_states, STREAM)
-        subscribe(JointState, "joint_states", self._on_joint_states, STREAM)
+        subscribe(JointState, "chamber_states", self._on_chamber_states, NEWEST)
+        subscribe(JointState, "joint_states", self._on_joint_states, NEWEST)
         subscribe(MarkerArray, "plant/finger_markers", self._on_truth, STREAM)
 
     @property

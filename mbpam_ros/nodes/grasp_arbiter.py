@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from mbpam_ros.nodes.runtime import LATCHED, STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, run  # isort: skip
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
@@ -49,7 +49,9 @@ class GraspArbiterNode(GripperNode):
         modes = load_modes(self.value("modes"))
         selector = ModeSelector(config.selection, gripper, modes)
         try:
-            self._arbiter = Arbiter(config.arbitration, modes, selector, gripper.pressure_limit_gauge_pa)
+            self._arbiter = Arbiter(
+                config.arbitration, modes, selector, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
+            )
         except ValueError as error:
             raise ConfigError(f"{self.value('grasp')}: {error}") from error
         prefix = self.get_namespace().rstrip("/")
@@ -60,7 +62,7 @@ class GraspArbiterNode(GripperNode):
         self._setpoints = self.create_publisher(JointState, "pressure_setpoints", STREAM)
         self._state = self.create_publisher(DiagnosticStatus, "grasp_state", LATCHED)
         self._pose = self.create_publisher(PoseStamped, "grasp_pose", LATCHED)
-        self.create_subscription(JointState, "chamber_states", self._on_chamber_states, STREAM)
+        self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
         self.create_subscription(MarkerArray, "detections", self._on_detections, STREAM)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 20)
         for mode in MODE_NAMES:

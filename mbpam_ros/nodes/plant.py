@@ -6,7 +6,7 @@ import dataclasses
 import sys
 import time
 
-from mbpam_ros.nodes.runtime import STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, run  # isort: skip
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
@@ -43,7 +43,7 @@ PARAMETERS = (
     Parameter("rate_hz", 100.0, "rate of transducers and of the plant's ticks [Hz]", 10.0, 1000.0),
     Parameter("camera_rate_hz", 5.0, "rate of camera images [Hz]; 0: no camera", 0.0, 60.0),
     Parameter("marker_rate_hz", 10.0, "rate of the true shapes [Hz]", 0.1, 100.0),
-    Parameter("command_timeout_s", 0.5, "valves close when no command came for this long [s]", 0.02, 60.0),
+    Parameter("command_timeout_s", 0.03, "valves close when no command came for this long [s]", 0.02, 60.0),
     Parameter("publish_clock", False, "publish simulated time on /clock"),
     Parameter("lock_step", False, "with publish_clock: tick as soon as the valves have answered the last tick"),
     Parameter("lock_step_timeout_s", 0.5, "lock step: tick anyway after this long [wall s]", 0.01, 60.0),
@@ -81,7 +81,7 @@ class PlantNode(GripperNode):
         self._transducers = self.create_publisher(JointState, "transducers", STREAM)
         self._markers = self.create_publisher(MarkerArray, "plant/finger_markers", STREAM)
         self._clock_topic = self.create_publisher(Clock, "/clock", STREAM) if self.value("publish_clock") else None
-        self.create_subscription(JointState, "valve_commands", self._on_valve_commands, STREAM)
+        self.create_subscription(JointState, "valve_commands", self._on_valve_commands, NEWEST)
         self.create_service(Trigger, "plant/reset", self._on_reset)
         self.create_service(Trigger, "plant/lift", lambda _, response: _answer(response, self._plant.lift()))
         self.create_service(Trigger, "plant/lower", lambda _, response: _answer(response, self._plant.lower()))

@@ -14,19 +14,30 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 
 from mbpam_ros.configuration import ConfigError
+from mbpam_ros.nodes.exit_timer import exits_after
 from mbpam_ros.nodes.parameters import Parameter, declare_parameters
 
 STREAM = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
-"""For every data topic: reliable, and short, because an old sample is worth nothing."""
+"""What data topics are published with, so that any subscription matches; and for subscriptions to requests and images,
+of which each one counts."""
+
+NEWEST = qos_profile_sensor_data
+"""For subscriptions to the 100 Hz streams: the next sample is worth more than a late one. Reliable delivery holds back
+all later samples until a missing one has been sent again: 0.3 s now and then, longer than the watchdogs wait."""
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For a state that a late subscriber must see."""
 
 SPIN_TIMEOUT_S = 0.2
+
+TEAR_DOWN_TIMEOUT_S = 5.0
+"""Leaving the graph takes milliseconds. When peers leave at the same moment, Fast DDS 3.2 may wait for one of its own
+callbacks for ever, at full load and with the interpreter locked (as in its issue 6513): the process then just ends."""
+
 WARNING_PERIOD_S = 1.0
 
 
@@ -128,6 +139,25 @@ def run(*factories: Callable[[], GripperNode], arguments: Sequence[str] | None =
         return 2
     executor = EventsExecutor()
     nodes: list[GripperNode] = []
+    code = 1
+    try:
+        code = _live(executor, nodes, factories, stop_requested)
+    finally:
+        with exits_after(TEAR_DOWN_TIMEOUT_S, code):
+            executor.shutdown()
+            for node in nodes:
+                node.destroy_node()
+            rclpy.try_shutdown()
+    return code
+
+
+def _live(
+    executor: EventsExecutor,
+    nodes: list[GripperNode],
+    factories: Sequence[Callable[[], GripperNode]],
+    stop_requested: Callable[[], bool],
+) -> int:
+    """Build the nodes into ``nodes``, spin them until they have to end, and return the exit code."""
     try:
         for factory in factories:
             nodes.append(factory())
@@ -143,11 +173,6 @@ def run(*factories: Callable[[], GripperNode], arguments: Sequence[str] | None =
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    finally:
-        executor.shutdown()
-        for node in nodes:
-            node.destroy_node()
-        rclpy.try_shutdown()
 
 
 def _catch_stop_signals() -> Callable[[], bool]:

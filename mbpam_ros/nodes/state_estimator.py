@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
-from mbpam_ros.nodes.runtime import STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, run  # isort: skip
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseArray
@@ -51,7 +51,7 @@ class StateEstimatorNode(GripperNode):
         self._tips = self.create_publisher(PoseArray, "finger_tips", STREAM)
         self._forces = self.create_publisher(JointState, "finger_forces", STREAM)
         self._markers = self.create_publisher(MarkerArray, "finger_markers", STREAM)
-        self.create_subscription(JointState, "chamber_states", self._on_chamber_states, STREAM)
+        self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
         self.create_timer(1.0 / self.value("marker_rate_hz"), self._publish_markers)
 
     def health(self) -> Health:

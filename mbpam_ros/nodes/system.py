@@ -21,8 +21,7 @@ NODES = ("plant", "pressure_sensor", "valve_controller", "state_estimator", "obj
 """The executables of a gripper, in the order of the data flow."""
 
 STOP_TIMEOUT_S = 30.0
-"""Ending takes 1 s, several on a busy machine, and many when Fast DDS meets a peer that leaves at the same moment
-(its issue 6513: destroying a participant spins until the callback about the peer has got a lock)."""
+"""Ending takes 1 s, several on a busy machine or when the middleware hangs (``TEAR_DOWN_TIMEOUT_S``)."""
 
 
 class NodeSystemError(RuntimeError):

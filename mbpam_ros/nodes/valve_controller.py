@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from mbpam_ros.nodes.runtime import LATCHED, STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, run  # isort: skip
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
@@ -20,7 +20,7 @@ from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.controller import ControllerInputError, PressureController, SetpointError, ValveFault
 
 PARAMETERS = (
-    Parameter("gripper", "gripper.yaml", "gripper file: the pressure limit"),
+    Parameter("gripper", "gripper.yaml", "gripper file: pressure limit and over-pressure"),
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: gains, limits and watchdog of the loops"),
     Parameter("enable_at_start", False, "follow set-points from the start, without valve_controller/enable"),
     Parameter("watchdog_rate_hz", 50.0, "how often silence of the pressures is looked for [Hz]", 10.0, 1000.0),
@@ -32,10 +32,12 @@ class ValveControllerNode(GripperNode):
 
     def __init__(self, **node_options: object) -> None:
         super().__init__("valve_controller", PARAMETERS, **node_options)
-        limit_pa = load_gripper(self.value("gripper")).pressure_limit_gauge_pa
+        gripper = load_gripper(self.value("gripper"))
         config = load_pneumatics(self.value("pneumatics")).controller
         try:
-            self._controller = PressureController(config, limit_pa)
+            self._controller = PressureController(
+                config, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
+            )
         except ValueError as error:
             raise ConfigError(f"{self.value('gripper')} against {self.value('pneumatics')}: {error}") from error
         self._hold_time_s = config.hold_time_s
@@ -45,7 +47,7 @@ class ValveControllerNode(GripperNode):
         self._controller.enable(self._switched_on)
 
         self._commands = self.create_publisher(JointState, "valve_commands", STREAM)
-        self.create_subscription(JointState, "chamber_states", self._on_chamber_states, STREAM)
+        self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
         self.create_subscription(JointState, "pressure_setpoints", self._on_setpoints, STREAM)
         self.create_subscription(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
         self.create_service(SetBool, "valve_controller/enable", self._on_enable)

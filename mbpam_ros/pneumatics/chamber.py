@@ -1,13 +1,15 @@
 """Valve and chamber: from spool commands to chamber pressures, several models behind one face, chosen by name.
 
 Every channel is a 3/3-way proportional valve (+1 fill, 0 closed, -1 vent) on one chamber. The spool follows its command
-with a first-order lag; the chamber follows the opening by the law of the model. Both are integrated exactly over a
-step with constant command, so neither has a stability limit, and cutting a step into pieces changes nothing but
-rounding. What a sampled caller loses is only that its command is held for the length of the step.
+with a first-order lag, integrated exactly; the chamber follows the opening by the law of the model: exactly for
+``ideal`` and ``lag``, where cutting a step into pieces changes nothing but rounding, implicitly for ``iso6358``
+(:mod:`~mbpam_ros.pneumatics.iso6358`). None has a stability limit. What a sampled caller loses is that its command is
+held for the length of the step.
 """
 
 from __future__ import annotations
 
+import importlib
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -15,14 +17,47 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
+from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES, FINGER_COUNT
 from mbpam_ros.configuration import require_positive
 
 Vector = NDArray[np.float64]
 
+_STRAIGHT = np.zeros((FINGER_COUNT, 2))
+
 
 class PneumaticsInputError(ValueError):
     """A spool command, a pressure or a step that no model can use. Nothing was changed."""
+
+
+@dataclass(frozen=True)
+class OrificeConfig:
+    """Valves, lines and supply of the model ``iso6358``. Conductances are sonic, C of ISO 6358 [m3/(s Pa), ANR].
+
+    Args:
+        sonic_conductance_m3_s_pa: of a fully open valve, either way.
+        critical_ratio: b, of all orifices.
+        leak_conductance_m3_s_pa: of each chamber to ambient, always open; 0 for a tight one.
+        line_volume_m3: between a valve and its chamber, the muscle's ends included.
+        supply_volume_m3: of the tank that all valves are fed from.
+        regulator_conductance_m3_s_pa: from the regulated pressure into the tank; 0 for a tank that is not refilled.
+        sub_step_s: greatest implicit step.
+    """
+
+    sonic_conductance_m3_s_pa: float
+    critical_ratio: float
+    leak_conductance_m3_s_pa: float
+    line_volume_m3: float
+    supply_volume_m3: float
+    regulator_conductance_m3_s_pa: float
+    sub_step_s: float
+
+    def __post_init__(self) -> None:
+        require_positive(self, "sonic_conductance_m3_s_pa", "supply_volume_m3", "sub_step_s")
+        for name in ("leak_conductance_m3_s_pa", "line_volume_m3", "regulator_conductance_m3_s_pa"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise ValueError(f"{name} must be finite and not negative, found {getattr(self, name)}")
+        if not 0.0 <= self.critical_ratio <= 0.95:
+            raise ValueError(f"critical_ratio must lie in [0, 0.95], found {self.critical_ratio}")
 
 
 @dataclass(frozen=True)
@@ -34,12 +69,14 @@ class ChamberConfig:
         spool_time_constant_s: first-order response of the spool to its command.
         ideal_rate_pa_s: pressure rate of the model ``ideal`` at full opening.
         lag_time_constant_s: time constant of the model ``lag`` at full opening.
+        iso6358: orifices and volumes of the model ``iso6358``.
     """
 
     supply_gauge_pa: float
     spool_time_constant_s: float
     ideal_rate_pa_s: float
     lag_time_constant_s: float
+    iso6358: OrificeConfig
 
     def __post_init__(self) -> None:
         require_positive(self, "supply_gauge_pa", "spool_time_constant_s", "ideal_rate_pa_s", "lag_time_constant_s")
@@ -54,7 +91,7 @@ class PneumaticModel(ABC):
 
     @property
     def pressure_gauge_pa(self) -> Vector:
-        """Chamber pressures, shape (16,) [Pa gauge], always within [0, supply]."""
+        """Chamber pressures, shape (16,) [Pa gauge]."""
         return self._pressure.copy()
 
     @property
@@ -79,8 +116,11 @@ class PneumaticModel(ABC):
         self._pressure = pressure
         self._spool = np.zeros(CHANNEL_COUNT)
 
-    def step(self, spool: ArrayLike, dt_s: float) -> Vector:
+    def step(self, spool: ArrayLike, dt_s: float, bend_rad: ArrayLike = _STRAIGHT) -> Vector:
         """Hold the spool commands, shape (16,) in [-1, 1], for ``dt_s`` and return the pressures, (16,) [Pa gauge].
+
+        Args:
+            bend_rad: of the four muscles, shape (4, 2): it changes the chambers' volume, where the model has one.
 
         Raises:
             PneumaticsInputError: wrong shape, a command not finite or outside [-1, 1], a step that is not positive.
@@ -91,50 +131,70 @@ class PneumaticModel(ABC):
         _require_within(command, -1.0, 1.0, "spool command")
         if not (math.isfinite(dt_s) and dt_s > 0.0):
             raise PneumaticsInputError(f"dt_s must be a positive number of seconds, found {dt_s}")
-        for opening_time in self._move_spools(command, dt_s):
-            self._pressure = self._flow(self._pressure, opening_time)
+        bend = np.asarray(bend_rad, dtype=float)
+        if bend.shape != (FINGER_COUNT, 2) or not np.isfinite(bend).all():
+            raise PneumaticsInputError(f"bend_rad must be finite, of shape ({FINGER_COUNT}, 2), found {bend}")
+        for opening_time, duration in self._move_spools(command, dt_s):
+            self._pressure = self._flow(opening_time, duration, bend)
         return self._pressure.copy()
 
-    def _move_spools(self, command: Vector, dt_s: float) -> tuple[Vector, Vector]:
-        """Move the spools and return the time integrals of the opening [s] before and after its change of sign.
+    def _move_spools(self, command: Vector, dt_s: float) -> list[tuple[Vector, float]]:
+        """Move the spools; return the time integrals of the opening [s] before and after its change of sign.
 
+        With each comes the time the part takes [s], which counts for what flows whatever the opening (supply, leaks).
         s(t) = u + (s0 - u) exp(-t / tau) is monotone, so it crosses zero at most once, at t0 = tau ln(1 - s0 / u).
         Within each part the flow has one direction, which is what lets a law be integrated in closed form.
         """
         tau, start = self._config.spool_time_constant_s, self._spool
+
+        def opening_time(until_s: float) -> Vector:
+            return command * until_s - (start - command) * tau * math.expm1(-until_s / tau)
+
         self._spool = command + (start - command) * math.exp(-dt_s / tau)
-        whole = command * dt_s - (start - command) * tau * math.expm1(-dt_s / tau)
+        whole = opening_time(dt_s)
         crosses = start * self._spool < -1e-200  # a smaller opening moves nothing and would overflow the ratio
         if not crosses.any():
-            return whole, np.zeros(CHANNEL_COUNT)
+            return [(whole, dt_s)]
         ratio = np.divide(start, command, out=np.zeros(CHANNEL_COUNT), where=crosses)
-        before = np.where(crosses, command * tau * np.log1p(-ratio) + start * tau, whole)
-        return before, whole - before
+        crossed_s = tau * np.log1p(-ratio)
+        first_s = float(crossed_s[crosses].mean())
+        before = np.where(crosses, command * crossed_s + start * tau, opening_time(first_s))
+        return [(before, first_s), (whole - before, dt_s - first_s)]
 
     @abstractmethod
-    def _flow(self, pressure_gauge_pa: Vector, opening_time_s: Vector) -> Vector:
+    def _flow(self, opening_time_s: Vector, duration_s: float, bend_rad: Vector) -> Vector:
         """Return the pressures after an opening of one sign whose time integral is ``opening_time_s``, (16,) [s]."""
 
 
 class IdealChambers(PneumaticModel):
     """Pressure rate proportional to the opening, whatever the pressure, between ambient and supply."""
 
-    def _flow(self, pressure_gauge_pa: Vector, opening_time_s: Vector) -> Vector:
-        moved = pressure_gauge_pa + self._config.ideal_rate_pa_s * opening_time_s
+    def _flow(self, opening_time_s: Vector, duration_s: float, bend_rad: Vector) -> Vector:
+        moved = self._pressure + self._config.ideal_rate_pa_s * opening_time_s
         return np.minimum(np.maximum(moved, 0.0), self._config.supply_gauge_pa)
 
 
 class LagChambers(PneumaticModel):
     """dp/dt = |s| (p_end - p) / tau, with p_end the supply for s > 0 and ambient for s < 0."""
 
-    def _flow(self, pressure_gauge_pa: Vector, opening_time_s: Vector) -> Vector:
+    def _flow(self, opening_time_s: Vector, duration_s: float, bend_rad: Vector) -> Vector:
         end = np.where(opening_time_s > 0.0, self._config.supply_gauge_pa, 0.0)
         decay = np.exp(-np.abs(opening_time_s) / self._config.lag_time_constant_s)
-        moved = end + (pressure_gauge_pa - end) * decay
+        moved = end + (self._pressure - end) * decay
         return np.minimum(np.maximum(moved, 0.0), self._config.supply_gauge_pa)
 
 
-PNEUMATIC_MODELS: dict[str, type[PneumaticModel]] = {"ideal": IdealChambers, "lag": LagChambers}
+_MODELS = {
+    "ideal": ("mbpam_ros.pneumatics.chamber", "IdealChambers"),
+    "lag": ("mbpam_ros.pneumatics.chamber", "LagChambers"),
+    "iso6358": ("mbpam_ros.pneumatics.iso6358", "IsoChambers"),
+}
+"""Modules are imported when asked for: a model that is not used costs nothing, neither does its compiler."""
+
+
+def pneumatic_model_names() -> tuple[str, ...]:
+    """Return the names of all models, cheapest first."""
+    return tuple(_MODELS)
 
 
 def build_pneumatics(name: str, config: ChamberConfig) -> PneumaticModel:
@@ -143,9 +203,10 @@ def build_pneumatics(name: str, config: ChamberConfig) -> PneumaticModel:
     Raises:
         PneumaticsInputError: no such model; the message lists those there are.
     """
-    if name not in PNEUMATIC_MODELS:
-        raise PneumaticsInputError(f"no pneumatic model {name!r}; known: {', '.join(PNEUMATIC_MODELS)}")
-    return PNEUMATIC_MODELS[name](config)
+    if name not in _MODELS:
+        raise PneumaticsInputError(f"no pneumatic model {name!r}; known: {', '.join(_MODELS)}")
+    module, model = _MODELS[name]
+    return getattr(importlib.import_module(module), model)(config)
 
 
 def _require_within(values: Vector, low: float, high: float, what: str) -> None:

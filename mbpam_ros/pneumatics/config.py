@@ -25,7 +25,7 @@ class PneumaticsConfig:
         controller: the pressure loops.
     """
 
-    model: Literal["ideal", "lag"]
+    model: Literal["ideal", "lag", "iso6358"]
     chamber: ChamberConfig
     transducer: TransducerConfig
     sensing: SensingConfig

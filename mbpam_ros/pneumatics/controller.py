@@ -73,8 +73,7 @@ class ControllerConfig:
         vent_open_gauge_pa: at set-point 0 a closed valve vents again above this.
         hold_time_s: a valve keeps its opening at most this long without a fresh valid pressure, then closes.
         watchdog_s: after this long without one the channel is at fault.
-        over_pressure_margin_pa: above the limit plus this a chamber vents at once.
-        over_pressure_release_pa: it vents until this far below where it tripped.
+        over_pressure_release_pa: a chamber in over-pressure vents until this far below where it tripped.
     """
 
     supply_gauge_pa: float
@@ -95,7 +94,6 @@ class ControllerConfig:
     vent_open_gauge_pa: float
     hold_time_s: float
     watchdog_s: float
-    over_pressure_margin_pa: float
     over_pressure_release_pa: float
 
     def __post_init__(self) -> None:
@@ -111,7 +109,6 @@ class ControllerConfig:
             "close_band_pa",
             "vent_close_gauge_pa",
             "hold_time_s",
-            "over_pressure_margin_pa",
             "over_pressure_release_pa",
         )
         for name in ("integral_gain_1_s2", "integral_limit_pa_s", "minimum_setpoint_gauge_pa", "close_band_ratio"):
@@ -134,10 +131,16 @@ class PressureController:
     chamber, and :meth:`vent_all` vents every chamber until :meth:`enable` is called with True.
     """
 
-    def __init__(self, config: ControllerConfig, pressure_limit_gauge_pa: float) -> None:
+    def __init__(self, config: ControllerConfig, pressure_limit_gauge_pa: float, over_pressure_gauge_pa: float) -> None:
         """
+        Args:
+            config: gains, limits and watchdog.
+            pressure_limit_gauge_pa: greatest set-point accepted.
+            over_pressure_gauge_pa: a chamber above this vents at once.
+
         Raises:
-            ValueError: the limit is not between the least set-point and the supply pressure.
+            ValueError: the limit is not between the least set-point and the supply pressure, or over-pressure is not
+                above it.
         """
         if not config.minimum_setpoint_gauge_pa < pressure_limit_gauge_pa <= config.supply_gauge_pa:
             raise ValueError(
@@ -145,7 +148,12 @@ class PressureController:
                 f"{config.minimum_setpoint_gauge_pa:g} Pa and not above the supply {config.supply_gauge_pa:g} Pa"
             )
         self._config = config
-        self._limit = float(pressure_limit_gauge_pa)
+        if not over_pressure_gauge_pa > pressure_limit_gauge_pa:
+            raise ValueError(
+                f"over-pressure {over_pressure_gauge_pa:g} Pa must lie above the pressure limit "
+                f"{pressure_limit_gauge_pa:g} Pa"
+            )
+        self._limit, self._trip = float(pressure_limit_gauge_pa), float(over_pressure_gauge_pa)
         self._enabled = False
         self._vented = False
         self._target = np.zeros(CHANNEL_COUNT)
@@ -275,9 +283,8 @@ class PressureController:
 
     def _watch(self, valid: Mask, pressure: Vector) -> None:
         """Update the faults; a channel that has one starts anew when it ends."""
-        trip = self._limit + self._config.over_pressure_margin_pa
-        release = trip - self._config.over_pressure_release_pa
-        self._over = np.where(valid, (pressure > trip) | (self._over & (pressure > release)), self._over)
+        release = self._trip - self._config.over_pressure_release_pa
+        self._over = np.where(valid, (pressure > self._trip) | (self._over & (pressure > release)), self._over)
         too_old = self._time - self._valid_at > self._config.watchdog_s
         self._stale = too_old & ~valid
         self._restart |= self._over | too_old

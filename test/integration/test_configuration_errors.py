@@ -122,6 +122,7 @@ def test_a_design_outside_the_sampled_domain_is_refused_with_the_domain_and_the_
         (ValveControllerNode, "pneumatics", "pneumatics.yaml", "controller.rate_limit_pa_s", 0.0),
         (ValveControllerNode, "pneumatics", "pneumatics.yaml", "controller.watchdog_s", True),
         (ValveControllerNode, "gripper", "gripper.yaml", "pressure_limit_gauge_pa", -110e3),
+        (GraspArbiterNode, "gripper", "gripper.yaml", "over_pressure_gauge_pa", 110e3),
         (StateEstimatorNode, "gripper", "gripper.yaml", "metamodel", "spline"),
         (StateEstimatorNode, "gripper", "gripper.yaml", "target", "dream"),
         (StateEstimatorNode, "estimator", "estimator.yaml", "bend_time_constant_s", -0.05),
@@ -142,7 +143,7 @@ def test_a_value_that_cannot_be_is_refused_with_its_place(refused, node_class, p
 
 
 def test_a_pressure_limit_above_the_supply_is_refused(refused):
-    too_high = changed("gripper.yaml", "pressure_limit_gauge_pa", 250e3)
+    too_high = {**changed("gripper.yaml", "pressure_limit_gauge_pa", 250e3), "over_pressure_gauge_pa": 260e3}
     complaint = refused(ValveControllerNode, "gripper", too_high)
     assert "edited.yaml" in complaint and "pneumatics.yaml" in complaint
     assert "limit 250000 Pa" in complaint and "supply 200000 Pa" in complaint

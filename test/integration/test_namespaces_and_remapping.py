@@ -65,6 +65,7 @@ SERVICES = {
     "object_detector": {},
 }
 LATCHED_TOPICS = {"grasp_state", "grasp_pose"}
+BEST_EFFORT_INPUTS = {"transducers", "chamber_states", "valve_commands"}  # drivers may publish them either way
 OF_ROS_ITSELF = {"/rosout", "/parameter_events", "/clock", "/diagnostics"}
 
 
@@ -90,6 +91,8 @@ def test_topics_have_the_names_types_and_ends_of_the_interface_table(graph, name
         assert {end.node_name for end in incoming} == subscribers, name
         assert {end.topic_type for end in [*outgoing, *incoming]} == {message_type}, name
         assert {end.qos_profile.reliability for end in outgoing} == {ReliabilityPolicy.RELIABLE}, name
+        best_effort = {end.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for end in incoming}
+        assert best_effort <= {topic in BEST_EFFORT_INPUTS}, name
         latched = {end.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL for end in outgoing}
         assert latched == {topic in LATCHED_TOPICS}, name
     present = {name for name, _ in graph.test_node.get_topic_names_and_types()}

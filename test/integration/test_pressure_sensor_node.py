@@ -3,6 +3,7 @@
 import math
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import FluidPressure, JointState
 from std_srvs.srv import Trigger
 
@@ -27,6 +28,14 @@ def test_volts_become_gauge_pressure_with_the_stamp_of_the_sample(graph):
     assert states[0].header.stamp == time_stamp(3.25)
     assert math.isclose(states[0].effort[15], 100e3, abs_tol=1.0)
     assert abs(states[0].effort[0]) < 1.0
+
+
+def test_a_driver_that_publishes_best_effort_is_heard(graph):
+    graph.add(PressureSensorNode)
+    states = graph.listen(JointState, "chamber_states")
+    publisher = graph.publisher(JointState, "transducers", qos_profile_sensor_data)
+    publisher.publish(volts([VENTED_V] * 16))
+    graph.spin_until(lambda: states, "chamber_states")
 
 
 def test_a_broken_wire_is_nan_and_the_diagnostics_name_the_channel(graph):

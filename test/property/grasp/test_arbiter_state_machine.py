@@ -11,11 +11,11 @@ from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
 from mbpam_ros.gripper import load_gripper
 
 CONFIG, MODES, GRIPPER = load_grasp_config(), load_modes(), load_gripper()
-LIMIT_PA = GRIPPER.pressure_limit_gauge_pa
+LIMIT_PA, OVER_PA = GRIPPER.pressure_limit_gauge_pa, GRIPPER.over_pressure_gauge_pa
 HEALTH_SOURCES = ("pressure_sensor", "valve_controller")
 
 any_number = st.floats(allow_nan=True, allow_infinity=True)
-in_range = st.floats(-20e3, LIMIT_PA)
+in_range = st.floats(-20e3, OVER_PA)
 few_seconds = st.sampled_from([0.0, 0.01, 0.1, 0.25, 0.5, 2.0, 6.0])
 coordinates = st.floats(-0.1, 0.2)
 objects = st.builds(
@@ -33,7 +33,9 @@ graspable = DetectedObject("bulb", "sphere", (0.06, 0.06, 0.06), (0.0, 0.0, 0.09
 class ArbiterMachine(RuleBasedStateMachine):
     @initialize(time_s=st.floats(-10.0, 1e6))
     def start(self, time_s):
-        self.arbiter = Arbiter(CONFIG.arbitration, MODES, ModeSelector(CONFIG.selection, GRIPPER, MODES), LIMIT_PA)
+        self.arbiter = Arbiter(
+            CONFIG.arbitration, MODES, ModeSelector(CONFIG.selection, GRIPPER, MODES), LIMIT_PA, OVER_PA
+        )
         self.time_s = time_s
         self.latched = False
         self.must_vent = False
@@ -53,7 +55,7 @@ class ArbiterMachine(RuleBasedStateMachine):
 
     @rule(
         channel=st.integers(0, 15),
-        value_pa=st.sampled_from([float("nan"), 0.0, 50e3, LIMIT_PA, float("inf")]),
+        value_pa=st.sampled_from([float("nan"), 0.0, 50e3, OVER_PA, float("inf")]),
     )
     def read_one_channel_off(self, channel, value_pa):
         pressure_pa = self.decision.setpoint_gauge_pa.copy()
@@ -69,7 +71,7 @@ class ArbiterMachine(RuleBasedStateMachine):
     @rule(channel=st.integers(0, 15))
     def read_too_much(self, channel):
         pressure_pa = np.zeros(16)
-        pressure_pa[channel] = LIMIT_PA + 1.0
+        pressure_pa[channel] = OVER_PA + 1.0
         self.read(pressure_pa)
 
     @rule(name=st.sampled_from(["auto", *MODE_NAMES]))
@@ -86,7 +88,7 @@ class ArbiterMachine(RuleBasedStateMachine):
         assert self.arbiter.tick(self.time_s).phase is Phase.HOLDING
 
     def read(self, pressure_pa):
-        if np.any(np.isfinite(pressure_pa) & (pressure_pa > LIMIT_PA)):
+        if np.any(np.isfinite(pressure_pa) & (pressure_pa > OVER_PA)):
             self.latched = self.must_vent = True
         self.arbiter.observe_pressures(self.time_s, pressure_pa)
 

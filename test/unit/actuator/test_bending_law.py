@@ -3,7 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from mbpam_ros.actuator.bending_law import LAW_FILE, CellLaw, stored_cell_laws
+from mbpam_ros.actuator.bending_law import CellLaw, stored_cell_laws
+from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.configuration import DIRECTORY_VARIABLE, ConfigError, config_path
 
 LAWS = stored_cell_laws()
@@ -11,7 +12,7 @@ BOTH_PATTERNS = pytest.mark.parametrize("pattern", ["pdc", "psc"])
 
 
 def changed(law, **fields):
-    names = ("pressure_gauge_pa", "curvature_per_m", "moment_n_m", "axis_stretch", "gas_volume_m3")
+    names = ("pressure_gauge_pa", "curvature_per_m", "moment_n_m", "axis_stretch")
     return CellLaw(**{name: fields.get(name, getattr(law, name)) for name in names})
 
 
@@ -49,28 +50,11 @@ def test_the_unpressurised_section_is_isotropic_up_to_the_two_meshes():
 
 
 @BOTH_PATTERNS
-def test_pressure_bends_and_stretches_the_muscle_and_opens_its_chambers(pattern):
+def test_pressure_bends_and_stretches_the_muscle(pattern):
     law = LAWS[pattern]
     for rising in (law.straight_moment_n_m, law.free_curvature_per_m, law.straight_stretch):
         assert (np.diff(rising) > 0.0).all()
-    assert (np.diff(law.gas_volume_m3, axis=0) > 0.0).all()
     assert law.straight_stretch[0] == pytest.approx(1.0)
-
-
-def test_two_chambers_hold_twice_the_gas_of_one_at_rest():
-    two, one = (law.gas_volume_at(0.0, 0.0) for law in (LAWS["pdc"], LAWS["psc"]))
-    assert two == pytest.approx(2.0 * one, rel=1e-3)
-    assert 4e-6 < two < 5e-6
-
-
-@BOTH_PATTERNS
-def test_the_gas_volume_is_that_of_the_samples_and_is_held_beyond_them(pattern):
-    law = LAWS[pattern]
-    pressure, curvature = np.meshgrid(law.pressure_gauge_pa, law.curvature_per_m, indexing="ij")
-    np.testing.assert_allclose(law.gas_volume_at(pressure, curvature), law.gas_volume_m3, rtol=1e-12)
-    assert law.gas_volume_at(2e5, 100.0) == pytest.approx(law.gas_volume_m3[-1, -1])
-    between = law.gas_volume_at([5e3, 15e3], 0.0)
-    assert law.gas_volume_at(0.0, 0.0) < between[0] < law.gas_volume_at(1e4, 0.0) < between[1]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ CONFIG = load_grasp_config()
 TIMES = CONFIG.arbitration
 MODES = load_modes()
 GRIPPER = load_gripper()
-LIMIT_PA = GRIPPER.pressure_limit_gauge_pa
+LIMIT_PA, OVER_PA = GRIPPER.pressure_limit_gauge_pa, GRIPPER.over_pressure_gauge_pa
 DT_S = 0.01
 
 BULB = DetectedObject("bulb", "sphere", (0.06, 0.06, 0.06), (0.002, 0.0, 0.09), (0.0, 0.0, 0.0, 1.0), 0.9)
@@ -27,7 +27,7 @@ class Bench:
     """An arbiter with perfect valves: unless told otherwise, pressures are at once what the arbiter wants."""
 
     def __init__(self, time_s=100.0):
-        self.arbiter = Arbiter(TIMES, MODES, ModeSelector(CONFIG.selection, GRIPPER, MODES), LIMIT_PA)
+        self.arbiter = Arbiter(TIMES, MODES, ModeSelector(CONFIG.selection, GRIPPER, MODES), LIMIT_PA, OVER_PA)
         self.time_s = time_s
         self.pressure_pa = np.zeros(16)
         self.run(DT_S)
@@ -150,7 +150,7 @@ def test_an_infinite_reading_is_no_reading():
 
 
 def test_before_any_pressure_reading_requests_are_refused():
-    arbiter = Arbiter(TIMES, MODES, ModeSelector(CONFIG.selection, GRIPPER, MODES), LIMIT_PA)
+    arbiter = Arbiter(TIMES, MODES, ModeSelector(CONFIG.selection, GRIPPER, MODES), LIMIT_PA, OVER_PA)
     answer = arbiter.request_mode("envelope", 0.0)
     assert not answer.accepted and answer.reason == "no valid pressure reading from any of the 16 channels"
 
@@ -475,25 +475,25 @@ def test_stop_vents_at_once_from_everywhere_and_latches(phase, source):
 
 @pytest.mark.parametrize("source", ["operator", "camera"])
 @pytest.mark.parametrize("phase", IN_PHASE)
-def test_a_pressure_above_the_limit_vents_at_once_from_everywhere(phase, source):
+def test_an_over_pressure_vents_at_once_from_everywhere(phase, source):
     bench = IN_PHASE[phase](source)
-    decision = bench.run(DT_S, one_channel(LIMIT_PA + 1.0, 5, bench.pressure_pa))
+    decision = bench.run(DT_S, one_channel(OVER_PA + 1.0, 5, bench.pressure_pa))
     assert (decision.phase, decision.air, decision.source) == (Phase.FAULT, Air.VENT, Source.SAFETY)
     assert not decision.setpoint_gauge_pa.any()
 
 
 def test_an_excess_between_two_ticks_is_not_missed():
     bench = holding()
-    bench.arbiter.observe_pressures(bench.time_s, one_channel(LIMIT_PA + 1.0, 5, bench.pressure_pa))
+    bench.arbiter.observe_pressures(bench.time_s, one_channel(OVER_PA + 1.0, 5, bench.pressure_pa))
     bench.arbiter.observe_pressures(bench.time_s, bench.pressure_pa)
     assert bench.decision.air is Air.VENT
-    assert "pressure above the limit of 110000 Pa: finger_2_chamber_2 at 110001 Pa" in bench.decision.reason
+    assert "over-pressure, above 120000 Pa: finger_2_chamber_2 at 120001 Pa" in bench.decision.reason
 
 
-def test_a_fault_that_keeps_the_object_vents_when_a_pressure_then_exceeds_the_limit():
+def test_a_fault_that_keeps_the_object_vents_when_over_pressure_follows():
     bench = kept_by_fault()
     assert bench.decision.air is Air.HOLD
-    decision = bench.run(DT_S, one_channel(LIMIT_PA + 1.0, 5, bench.pressure_pa))
+    decision = bench.run(DT_S, one_channel(OVER_PA + 1.0, 5, bench.pressure_pa))
     assert decision.air is Air.VENT
     assert "before: valve_controller: valve 3 does not answer" in decision.reason
 
@@ -633,7 +633,7 @@ def test_a_grip_pressure_above_the_grippers_limit_is_refused():
     with pytest.raises(
         ValueError, match="grip_pressure_gauge_pa of envelope is 100000 Pa, above the limit of 90000 Pa"
     ):
-        Arbiter(TIMES, MODES, ModeSelector(CONFIG.selection, GRIPPER, MODES), 90e3)
+        Arbiter(TIMES, MODES, ModeSelector(CONFIG.selection, GRIPPER, MODES), 90e3, 120e3)
 
 
 # What is published

@@ -55,6 +55,17 @@ def test_a_step_that_is_no_whole_multiple_of_the_sub_step_is_refused_and_changes
     assert not plant.observe().pressure_gauge_pa.any()
 
 
+def test_on_orifices_a_bending_muscle_draws_more_gas_than_one_that_is_held_straight():
+    def pressure_pa(**tier):
+        plant = plant_of(EMPTY, pneumatics="iso6358", **tier)
+        for _ in range(25):
+            plant.step(FILL_ONE, 0.01)
+        return plant.observe().pressure_gauge_pa[2]
+
+    heavy = 1e4  # gravity that keeps the muscle straight
+    assert 50e3 < pressure_pa(tier="static") < pressure_pa(tier="static", gravity_m_s2=heavy)
+
+
 def test_wrong_spool_commands_are_refused_and_change_nothing():
     plant = plant_of(EMPTY)
     for spool in (np.full(16, np.nan), np.zeros(15), np.full(16, 2.0)):

@@ -7,15 +7,34 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbpam_ros.pneumatics.chamber import ChamberConfig, PneumaticsInputError, build_pneumatics
+from mbpam_ros.pneumatics.chamber import (
+    ChamberConfig,
+    OrificeConfig,
+    PneumaticsInputError,
+    build_pneumatics,
+    pneumatic_model_names,
+)
 
+ORIFICES = OrificeConfig(
+    sonic_conductance_m3_s_pa=2.5e-10,
+    critical_ratio=0.3,
+    leak_conductance_m3_s_pa=0.0,
+    line_volume_m3=2e-6,
+    supply_volume_m3=1e-4,
+    regulator_conductance_m3_s_pa=5e-9,
+    sub_step_s=2.5e-3,
+)
 CONFIG = ChamberConfig(
-    supply_gauge_pa=200e3, spool_time_constant_s=0.005, ideal_rate_pa_s=400e3, lag_time_constant_s=0.25
+    supply_gauge_pa=200e3,
+    spool_time_constant_s=0.005,
+    ideal_rate_pa_s=400e3,
+    lag_time_constant_s=0.25,
+    iso6358=ORIFICES,
 )
 MODELS = ("ideal", "lag")
 
 
-@pytest.fixture(params=MODELS)
+@pytest.fixture(params=pneumatic_model_names())
 def model(request):
     return build_pneumatics(request.param, CONFIG)
 
@@ -69,15 +88,17 @@ def test_ideal_rate_is_proportional_to_the_opening():
 
 def test_a_closed_valve_keeps_the_pressure(model):
     model.reset(np.linspace(0.0, 200e3, 16))
-    np.testing.assert_array_equal(model.step(np.zeros(16), 10.0), np.linspace(0.0, 200e3, 16))
+    np.testing.assert_allclose(model.step(np.zeros(16), 10.0), np.linspace(0.0, 200e3, 16), rtol=1e-9, atol=1e-3)
 
 
 def test_filling_ends_at_the_supply_and_venting_at_ambient(model):
-    np.testing.assert_allclose(model.step(np.ones(16), 30.0), 200e3, rtol=1e-12)
-    np.testing.assert_allclose(model.step(-np.ones(16), 30.0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(model.step(np.ones(16), 30.0), 200e3, rtol=1e-9)
+    np.testing.assert_allclose(model.step(-np.ones(16), 30.0), 0.0, atol=1e-3)
 
 
-def test_filling_and_venting_are_mirror_images_about_half_the_supply(model):
+@pytest.mark.parametrize("name", MODELS)
+def test_filling_and_venting_are_mirror_images_about_half_the_supply(name):
+    model = build_pneumatics(name, CONFIG)
     opening = np.linspace(0.0, 0.9, 16)
     model.reset(60e3)
     filled = model.step(opening, 0.07)
@@ -89,7 +110,7 @@ def test_reset_closes_the_valves(model):
     model.step(np.ones(16), 0.1)
     model.reset(50e3)
     np.testing.assert_array_equal(model.spool, np.zeros(16))
-    np.testing.assert_array_equal(model.step(np.zeros(16), 0.1), np.full(16, 50e3))
+    np.testing.assert_allclose(model.step(np.zeros(16), 0.1), 50e3, rtol=1e-9)
 
 
 def test_what_is_returned_is_a_copy(model):
@@ -124,11 +145,17 @@ def test_a_reset_to_an_impossible_pressure_is_refused(model, pressure):
 
 
 def test_an_unknown_model_is_refused_with_the_known_names():
-    with pytest.raises(PneumaticsInputError, match="ideal, lag"):
+    with pytest.raises(PneumaticsInputError, match="ideal, lag, iso6358"):
         build_pneumatics("steam", CONFIG)
 
 
-@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(ChamberConfig)])
+@pytest.mark.parametrize("bend_rad", [np.zeros((4, 3)), np.full((4, 2), np.nan)])
+def test_a_bend_that_cannot_be_is_refused(model, bend_rad):
+    with pytest.raises(PneumaticsInputError, match="bend_rad"):
+        model.step(np.zeros(16), 0.01, bend_rad)
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(ChamberConfig) if field.type == "float"])
 def test_a_configuration_without_a_positive_value_is_refused(name):
     with pytest.raises(ValueError, match=name):
         dataclasses.replace(CONFIG, **{name: 0.0})

@@ -6,7 +6,7 @@ import pytest
 
 from mbpam_ros.configuration import ConfigError, load_yaml, parse_config
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.pneumatics.chamber import PNEUMATIC_MODELS, build_pneumatics
+from mbpam_ros.pneumatics.chamber import build_pneumatics, pneumatic_model_names
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
 from mbpam_ros.pneumatics.controller import PressureController
 
@@ -19,9 +19,10 @@ def changed(section, key, value):
 
 def test_the_shipped_file_builds_every_part():
     config = load_pneumatics()
-    assert config.model in PNEUMATIC_MODELS
+    assert config.model in pneumatic_model_names()
     build_pneumatics(config.model, config.chamber)
-    PressureController(config.controller, load_gripper().pressure_limit_gauge_pa)
+    gripper = load_gripper()
+    PressureController(config.controller, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa)
 
 
 def test_the_feed_forward_assumes_the_simulated_plant():
@@ -32,7 +33,7 @@ def test_the_feed_forward_assumes_the_simulated_plant():
 
 def test_over_pressure_is_within_what_the_transducers_can_tell():
     config = load_pneumatics()
-    trip = load_gripper().pressure_limit_gauge_pa + config.controller.over_pressure_margin_pa
+    trip = load_gripper().over_pressure_gauge_pa
     highest = (config.sensing.valid_high_v - config.transducer.zero_v) * config.transducer.gain_pa_v
     assert trip < config.chamber.supply_gauge_pa < highest
 

@@ -10,14 +10,14 @@ from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.controller import ControllerInputError, PressureController, SetpointError, ValveFault
 
 CONFIG = load_pneumatics().controller
-LIMIT = 110e3
+LIMIT, TRIP = 110e3, 120e3
 BAD = 6  # finger_2_chamber_3
 OTHERS = np.arange(16) != BAD
 NONE, NO_PRESSURE, OVER_PRESSURE = ValveFault.NONE, ValveFault.NO_PRESSURE, ValveFault.OVER_PRESSURE
 
 
 def controller(setpoint_pa=80e3, enabled=True, **change):
-    loops = PressureController(dataclasses.replace(CONFIG, **change), LIMIT)
+    loops = PressureController(dataclasses.replace(CONFIG, **change), LIMIT, TRIP)
     loops.request(np.full(16, setpoint_pa))
     loops.enable(enabled)
     return loops
@@ -83,12 +83,17 @@ class TestSetpoints:
     @pytest.mark.parametrize("limit", [0.0, -1.0, 200001.0, math.nan])
     def test_a_limit_that_cannot_be_is_refused(self, limit):
         with pytest.raises(ValueError, match="pressure limit"):
-            PressureController(CONFIG, limit)
+            PressureController(CONFIG, limit, 1e9)
+
+    @pytest.mark.parametrize("over_pressure", [LIMIT, 0.0, math.nan])
+    def test_an_over_pressure_that_is_not_above_the_limit_is_refused(self, over_pressure):
+        with pytest.raises(ValueError, match="over-pressure"):
+            PressureController(CONFIG, LIMIT, over_pressure)
 
 
 class TestEnabling:
     def test_it_starts_disabled_with_every_valve_closed(self):
-        loops = PressureController(CONFIG, LIMIT)
+        loops = PressureController(CONFIG, LIMIT, TRIP)
         assert not loops.enabled
         loops.request(np.full(16, 80e3))
         np.testing.assert_array_equal(hold(loops, 0.0), np.zeros((20, 16)))
@@ -262,10 +267,9 @@ class TestOverPressure:
     def test_it_vents_that_chamber_at_once_with_hysteresis_enabled_or_not(self, enabled):
         loops = controller(100e3, enabled=enabled)
         hold(loops, 100e3)
-        trip = LIMIT + CONFIG.over_pressure_margin_pa
-        release = trip - CONFIG.over_pressure_release_pa
+        release = TRIP - CONFIG.over_pressure_release_pa
         for k, (pressure, vents) in enumerate(
-            [(trip - 1, False), (trip + 1, True), (trip - 1, True), (release + 1, True), (release - 1, False)]
+            [(TRIP - 1, False), (TRIP + 1, True), (TRIP - 1, True), (release + 1, True), (release - 1, False)]
         ):
             spool = loops.update(0.2 + 0.01 * k, but(pressure, 100e3))
             np.testing.assert_array_equal(spool[OTHERS], 0.0)

@@ -25,7 +25,7 @@ class Loop:
         self.plant.reset(start_pa)
         self.transducer = Transducer(CONFIG.transducer, 16, seed)
         self.sensing = PressureSensing(CONFIG.sensing, CONFIG.transducer)
-        self.controller = PressureController(CONFIG.controller, 110e3)
+        self.controller = PressureController(CONFIG.controller, 110e3, 120e3)
         self.controller.request(np.full(16, start_pa))
         self.controller.enable(True)
         self.commands = deque([np.zeros(16)] * delay_samples)
@@ -111,6 +111,13 @@ def test_other_plants_than_the_assumed_one_settle_a_little_later_without_more_ov
 ):
     pressures, _ = step_response(start_pa, target_pa, model=model, chamber=scaled(factor))
     assert settling_time_s(pressures, target_pa, 0.02 * target_pa) <= (0.5 if model == "lag" else 0.7)
+    assert overshoot(pressures, start_pa, target_pa) <= 0.05
+
+
+@pytest.mark.parametrize(("start_pa", "target_pa"), [(0.0, 80e3), (0.0, 20e3), (20e3, 100e3), (100e3, 80e3)])
+def test_on_orifices_and_a_volume_that_grows_it_settles_a_little_later_without_more_overshoot(start_pa, target_pa):
+    pressures, _ = step_response(start_pa, target_pa, model="iso6358")
+    assert settling_time_s(pressures, target_pa, 0.02 * target_pa) <= 0.55
     assert overshoot(pressures, start_pa, target_pa) <= 0.05
 
 
