@@ -1,11 +1,13 @@
 """Scale the finite element rod law so that the rod returns a design's greatest bend and blocked force.
 
 Per pattern (PDC, PSC) two factors, on M0 and on B, such that the planar rod in the posture of the paper's tests (base
-down, tip up, weight on; :mod:`~mbpam_ros.actuator.planar_rod`) has the tip angle theta_max at 100 kPa and the blocked
-tip force F_max. The shapes over pressure stay those of the finite element unit cell.
+down, tip up, weight on) has at 100 kPa the tip angle theta_max when it is free
+(:mod:`~mbpam_ros.actuator.planar_rod`) and pushes with F_max when a plate blocks its tip, with friction and large
+deflection (:mod:`~mbpam_ros.actuator.blocked_rod`). The shapes over pressure and the stretch of the axis stay those of
+the finite element unit cell.
 
-The blocked force is that of a straight propped rod, so F_max alone gives M0 and then theta_max gives B. The full
-boundary-value problem of the bent rod sliding on the plate with friction is not solved here.
+For each trial factor on M0 the angle alone gives B; the secant method then finds the factor that gives the force. The
+pressure is raised in steps of 5 kPa, because friction remembers; halving them changes the force by less than 0.2 %.
 """
 
 from __future__ import annotations
@@ -14,10 +16,17 @@ import functools
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import newton
+
+from mbpam_ros.actuator.bending_law import PATTERNS, stored_cell_laws
+from mbpam_ros.actuator.blocked_rod import RodLoad, blocked_path
 from mbpam_ros.actuator.design import MuscleDesign, MuscleGeometry
 from mbpam_ros.actuator.metamodel import load_metamodel
-from mbpam_ros.actuator.planar_rod import blocked_tip_force_per_moment, stiffness_for_tip_angle
-from mbpam_ros.actuator.rod_law import PatternFactors, RodLaw, finite_element_rod_law
+from mbpam_ros.actuator.planar_rod import AxisStretch, RodSolutionError, stiffness_for_tip_angle
+from mbpam_ros.actuator.rod_law import NOMINAL_PRESSURE_GAUGE_PA, PatternFactors, RodLaw, finite_element_rod_law
+from mbpam_ros.actuator.tip_force import TipForce
 
 # Paper, section 3.1: measured on the initial design, which is that of config/data/README.md.
 _MEASURED_PDC_DEG, _MEASURED_PDC_N = 151.0, 0.643
@@ -25,6 +34,10 @@ _MEASURED_PSC_DEG, _MEASURED_PSC_N = 120.0, 0.466
 _MEASURED_DESIGN = MuscleDesign(a_mm=2.5, b_mm=2.0)
 
 TARGETS = ("fe", "test")
+
+_PRESSURES_PA = np.arange(10e3, NOMINAL_PRESSURE_GAUGE_PA + 1.0, 5e3)
+_FACTOR_TOLERANCE = 1e-8
+_MOST_TRIALS = 15
 
 
 @dataclass(frozen=True)
@@ -62,24 +75,19 @@ def calibration_targets(design: MuscleDesign, metamodel: str = "prs", target: st
     return {"pdc": pdc, "psc": psc}
 
 
-def calibration_factors(pattern: str, target: PatternTarget, geometry: MuscleGeometry) -> PatternFactors:
-    """Return the factors on M0 and on B of ``pattern`` with which the rod returns ``target``.
+@dataclass(frozen=True)
+class Calibration:
+    """What a design's muscle runs on: its rod law, and the force its blocked tip has."""
 
-    Raises:
-        ValueError: unknown pattern.
-        RodSolutionError: no stiffness gives the rod that angle.
-    """
-    moment, stiffness = finite_element_rod_law().at_nominal_pressure(pattern)
-    wanted_moment = target.f_max_n / blocked_tip_force_per_moment(geometry)
-    wanted_stiffness = stiffness_for_tip_angle(target.theta_max_rad, wanted_moment, geometry)
-    return PatternFactors(moment=wanted_moment / moment, stiffness=wanted_stiffness / stiffness)
+    law: RodLaw
+    tip_force: TipForce
 
 
 @functools.lru_cache(maxsize=16)
-def calibrated_rod_law(
+def calibrate(
     design: MuscleDesign, geometry: MuscleGeometry, metamodel: str = "prs", target: str = "fe"
-) -> RodLaw:
-    """Return the rod law of a design. Cached: equal arguments give the same object.
+) -> Calibration:
+    """Return the calibration of a design. Cached: equal arguments give the same object.
 
     Args:
         design: of the muscle.
@@ -89,10 +97,73 @@ def calibrated_rod_law(
 
     Raises:
         ValueError: unknown metamodel or target.
-        RodSolutionError: no stiffness gives the rod its angle.
+        RodSolutionError: no factors give the rod its angle and its force.
     """
-    factors = {
-        pattern: calibration_factors(pattern, wanted, geometry)
-        for pattern, wanted in calibration_targets(design, metamodel, target).items()
-    }
-    return finite_element_rod_law().scaled(**factors)
+    targets = calibration_targets(design, metamodel, target)
+    pdc = _factors("pdc", targets["pdc"], geometry)
+    psc = _factors("psc", targets["psc"], geometry, pdc.stiffness)
+    law = finite_element_rod_law().scaled(psc=psc, pdc=pdc)
+    forces = {}
+    for pattern in PATTERNS:
+        loads = pattern_loads(law, pattern, _PRESSURES_PA)
+        forces[f"{pattern}_moment_n_m"] = np.array([load.moment_n_m for load in loads])
+        forces[f"{pattern}_force_n"] = np.array([contact.push_n for contact in blocked_path(loads, geometry)])
+    return Calibration(law, TipForce(**forces))
+
+
+def calibrated_rod_law(
+    design: MuscleDesign, geometry: MuscleGeometry, metamodel: str = "prs", target: str = "fe"
+) -> RodLaw:
+    """Return the rod law of :func:`calibrate`."""
+    return calibrate(design, geometry, metamodel, target).law
+
+
+def pattern_loads(law: RodLaw, pattern: str, pressure_gauge_pa: ArrayLike) -> list[RodLoad]:
+    """Return the rod of ``psc`` or ``pdc`` at each pressure, its axis stretching as in the unit cell.
+
+    Raises:
+        ValueError: another pattern.
+        ConfigError: the stored law is missing or unreadable.
+    """
+    moment, stiffness = law.of_pattern(pattern, pressure_gauge_pa)
+    cell = stored_cell_laws()[pattern]
+    straight, slope = (
+        np.interp(pressure_gauge_pa, cell.pressure_gauge_pa, table)
+        for table in (cell.straight_stretch, cell.stretch_slope_m)
+    )
+    rows = np.stack([moment, stiffness, straight, slope], axis=-1).tolist()
+    return [RodLoad(row[0], row[1], AxisStretch(row[2], row[3])) for row in rows]
+
+
+def _factors(
+    pattern: str, target: PatternTarget, geometry: MuscleGeometry, pdc_stiffness: float | None = None
+) -> PatternFactors:
+    """Return the factors of ``pattern`` with which the rod returns ``target``; PSC's need PDC's on the stiffness."""
+    law = finite_element_rod_law()
+    unscaled = pattern_loads(law, pattern, _PRESSURES_PA)
+    nominal = unscaled[-1]
+
+    def trial(moment_factor: float) -> PatternFactors:
+        moment = moment_factor * nominal.moment_n_m
+        stiffness = stiffness_for_tip_angle(target.theta_max_rad, moment, geometry, stretch=nominal.stretch)
+        return PatternFactors(moment_factor, stiffness / nominal.stiffness_n_m2)
+
+    def excess(log_factor: float) -> float:
+        factors = trial(math.exp(log_factor))
+        common = factors.stiffness if pdc_stiffness is None else pdc_stiffness
+        stiffness = law.scaled_stiffness(pattern, _PRESSURES_PA, factors.stiffness, common).tolist()
+        loads = [
+            RodLoad(factors.moment * load.moment_n_m, value, load.stretch)
+            for load, value in zip(unscaled, stiffness, strict=True)
+        ]
+        return math.log(blocked_path(loads, geometry)[-1].push_n / target.f_max_n)
+
+    try:
+        start = excess(0.0)
+        found = newton(excess, 0.0, x1=-start, tol=_FACTOR_TOLERANCE, maxiter=_MOST_TRIALS)
+        return trial(math.exp(found))
+    except (RuntimeError, ValueError, OverflowError) as error:
+        raise RodSolutionError(
+            f"{pattern}: no factors on M0 and B give the upright rod {math.degrees(target.theta_max_rad):.1f} deg and "
+            f"the blocked one {target.f_max_n:.4f} N: {error}"
+        ) from error

@@ -1,30 +1,37 @@
-"""The muscle as a planar, inextensible Kirchhoff rod in the posture of the paper's tests.
+"""The muscle as a planar Kirchhoff rod in the posture of the paper's tests.
 
-Clamped at the base, tip up, weight on. The active part obeys B kappa = M0 + (moment of the weight beyond), the ends
-are straight and rigid. With r the distance from the tip along the rod and w the weight per length,
+Clamped at the base, tip up, weight on. The active part obeys B kappa = M0 + (moment of the forces beyond), the ends
+are straight and rigid. With r the unstretched distance from the tip along the rod, w the weight per length, theta the
+angle from the vertical, s the axis's stretch and a horizontal push N and an upright force T from a plate on the tip,
 
-    d theta / dr = -m / B,   d m / dr = w r sin(theta),
+    d theta / dr = -kappa,   kappa = m / B,   s = s0 + s1 kappa,
+    d m / dr = s (w r sin(theta) - N cos(theta) - T sin(theta)),   d(x, z)/dr = s (sin(theta), cos(theta)),
 
-from theta = theta_tip, m = M0 + w l^2 / 2 sin(theta_tip) at r = l (the straight tip), to theta = 0 at r = l + L.
+to theta = 0 at r = l + L. The plate is parallel to the clamped axis and touches the rim of the tip, of radius R: at
+r = l (the straight tip) theta = theta_tip and
+
+    m = M0 + R (N sin(theta) - T cos(theta)) - l (N cos(theta) + T sin(theta)) + w l^2 / 2 sin(theta).
+
 Marched with the classical fourth-order Runge-Kutta scheme: explicit, accurate for steps far below the length on which
-the weight bends the rod, (B / w)^(1/3) = 0.1 m against steps of 0.002 m; halving them changes the angle by 1e-8.
+the weight bends the rod, (B / w)^(1/3) = 0.1 m against steps of 0.008 m; halving them changes angle and force by 1e-5.
 
 Solutions are followed from the weightless rod by raising gravity (Newton's method at each level): the branch a
 muscle is on that was inflated upright. Branches on which a heavy column lies buckled the other way need a weight
-w (L + 2 l)^3 / B above 7.84 (uniform column, no pressure); the initial design has 3.2, the softest one sampled 7.8.
+w (L + 2 l)^3 / B above 7.84 (uniform column, no pressure); the initial design has 3.0, the softest of the domain 6.7.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 from scipy.optimize import newton
 
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 
-_STEPS = 50
+_STEPS = 12
 _GRAVITY_LEVELS = (0.25, 0.5, 0.75, 1.0)
 
 
@@ -32,32 +39,61 @@ class RodSolutionError(RuntimeError):
     """No equilibrium was found for the rod."""
 
 
+class AxisStretch(NamedTuple):
+    """Stretch of the axis, s = ``straight`` + ``per_curvature_m`` kappa; by default it keeps its length."""
+
+    straight: float = 1.0
+    per_curvature_m: float = 0.0
+
+
+INEXTENSIBLE = AxisStretch()
+
+
+class Shot(NamedTuple):
+    """What marching from an assumed tip gave: angle at the clamp [rad] (0 in equilibrium), place of the tip's rim [m].
+
+    ``rim_x_m`` counts from where the straight rod's rim is, ``rim_z_m`` from the clamp.
+    """
+
+    clamp_angle_rad: float
+    rim_x_m: float
+    rim_z_m: float
+
+
 def rod_tip_angle(
-    moment_n_m: float, stiffness_n_m2: float, geometry: MuscleGeometry, gravity_m_s2: float = GRAVITY_M_S2
+    moment_n_m: float,
+    stiffness_n_m2: float,
+    geometry: MuscleGeometry,
+    gravity_m_s2: float = GRAVITY_M_S2,
+    stretch: AxisStretch = INEXTENSIBLE,
 ) -> float:
-    """Return the tip angle [rad] of the upright rod with intrinsic moment M0 and stiffness B.
+    """Return the tip angle [rad] of the free upright rod with intrinsic moment M0 and stiffness B.
 
     Raises:
         RodSolutionError: no equilibrium was found.
     """
 
     def clamp_angle(tip_angle_rad: float, weight_n_m: float) -> float:
-        return _clamp_angle(tip_angle_rad, moment_n_m, 1.0 / stiffness_n_m2, geometry, weight_n_m)
+        return shoot(tip_angle_rad, moment_n_m, 1.0 / stiffness_n_m2, geometry, weight_n_m, stretch).clamp_angle_rad
 
     return _follow(clamp_angle, moment_n_m * geometry.active_length_m / stiffness_n_m2, geometry, gravity_m_s2)
 
 
 def stiffness_for_tip_angle(
-    tip_angle_rad: float, moment_n_m: float, geometry: MuscleGeometry, gravity_m_s2: float = GRAVITY_M_S2
+    tip_angle_rad: float,
+    moment_n_m: float,
+    geometry: MuscleGeometry,
+    gravity_m_s2: float = GRAVITY_M_S2,
+    stretch: AxisStretch = INEXTENSIBLE,
 ) -> float:
-    """Return the stiffness B [N m2] with which the upright rod of intrinsic moment M0 has that tip angle.
+    """Return the stiffness B [N m2] with which the free upright rod of intrinsic moment M0 has that tip angle.
 
     Raises:
         RodSolutionError: no such stiffness was found.
     """
 
     def clamp_angle(compliance: float, weight_n_m: float) -> float:
-        return _clamp_angle(tip_angle_rad, moment_n_m, compliance, geometry, weight_n_m)
+        return shoot(tip_angle_rad, moment_n_m, compliance, geometry, weight_n_m, stretch).clamp_angle_rad
 
     weightless = tip_angle_rad / (moment_n_m * geometry.active_length_m)
     return 1.0 / _follow(clamp_angle, weightless, geometry, gravity_m_s2)
@@ -67,10 +103,61 @@ def blocked_tip_force_per_moment(geometry: MuscleGeometry) -> float:
     """Return tip force over intrinsic moment [1/m] of the straight rod, its tip held by a prop.
 
     With x the distance from the tip, the prop's moment F x undoes the deflection that M0 makes there:
-    F = M0 int(x) / int(x^2), integrals over the active part. Small deflection; no friction, no gravity.
+    F = M0 int(x) / int(x^2), integrals over the active part. Small deflection; no friction, no gravity, no stretch:
+    the limit that :mod:`~mbpam_ros.actuator.blocked_rod` tends to.
     """
     near, far = geometry.end_length_m, geometry.end_length_m + geometry.active_length_m
     return (far**2 - near**2) / 2.0 / ((far**3 - near**3) / 3.0)
+
+
+def shoot(
+    tip_angle_rad: float,
+    moment_n_m: float,
+    compliance: float,
+    geometry: MuscleGeometry,
+    weight_n_m: float,
+    stretch: AxisStretch = INEXTENSIBLE,
+    push_n: float = 0.0,
+    upright_n: float = 0.0,
+) -> Shot:
+    """March from an assumed tip to the clamp.
+
+    Args:
+        tip_angle_rad: theta_tip.
+        moment_n_m, compliance: M0 and 1 / B [1/(N m2)].
+        geometry: of the muscle.
+        weight_n_m: w [N/m].
+        stretch: of the axis.
+        push_n, upright_n: N and T.
+    """
+    end, sine, cosine = geometry.end_length_m, math.sin, math.cos
+    straight, slope = stretch
+    step = geometry.active_length_m / _STEPS
+    half = 0.5 * step
+    angle = tip_angle_rad
+    s, c = sine(angle), cosine(angle)
+    moment = moment_n_m + geometry.outer_radius_m * (push_n * s - upright_n * c)
+    moment += -end * (push_n * c + upright_n * s) + 0.5 * weight_n_m * end**2 * s
+    x, z = end * s + geometry.outer_radius_m * (c - 1.0), end * (1.0 + c) - geometry.outer_radius_m * s
+
+    def slopes(load: float, angle: float, moment: float) -> tuple[float, float, float, float]:
+        curvature = compliance * moment
+        stretched = straight + slope * curvature
+        across, along = stretched * sine(angle), stretched * cosine(angle)
+        return -curvature, load * across - push_n * along, across, along
+
+    for index in range(_STEPS):
+        load = weight_n_m * (end + index * step) - upright_n
+        middle, there = load + weight_n_m * half, load + weight_n_m * step
+        a1, m1, x1, z1 = slopes(load, angle, moment)
+        a2, m2, x2, z2 = slopes(middle, angle + half * a1, moment + half * m1)
+        a3, m3, x3, z3 = slopes(middle, angle + half * a2, moment + half * m2)
+        a4, m4, x4, z4 = slopes(there, angle + step * a3, moment + step * m3)
+        angle += step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+        moment += step / 6.0 * (m1 + 2.0 * m2 + 2.0 * m3 + m4)
+        x += step / 6.0 * (x1 + 2.0 * x2 + 2.0 * x3 + x4)
+        z += step / 6.0 * (z1 + 2.0 * z2 + 2.0 * z3 + z4)
+    return Shot(angle, x, z)
 
 
 def _follow(
@@ -87,23 +174,3 @@ def _follow(
     if root < -1e-9:
         raise RodSolutionError(f"the upright rod's equilibrium left the branch of the weightless one (found {root:g})")
     return root
-
-
-def _clamp_angle(
-    tip_angle_rad: float, moment_n_m: float, compliance: float, geometry: MuscleGeometry, weight_n_m: float
-) -> float:
-    """Return theta at the clamped end of the active part when marching from the tip; 0 in equilibrium."""
-    near, sine = geometry.end_length_m, math.sin
-    step = geometry.active_length_m / _STEPS
-    angle = tip_angle_rad
-    moment = moment_n_m + 0.5 * weight_n_m * near**2 * sine(tip_angle_rad)
-    for index in range(_STEPS):
-        here = near + index * step
-        middle, there = weight_n_m * (here + 0.5 * step), weight_n_m * (here + step)
-        a1, m1 = -compliance * moment, weight_n_m * here * sine(angle)
-        a2, m2 = -compliance * (moment + 0.5 * step * m1), middle * sine(angle + 0.5 * step * a1)
-        a3, m3 = -compliance * (moment + 0.5 * step * m2), middle * sine(angle + 0.5 * step * a2)
-        a4, m4 = -compliance * (moment + step * m3), there * sine(angle + step * a3)
-        angle += step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-        moment += step / 6.0 * (m1 + 2.0 * m2 + 2.0 * m3 + m4)
-    return angle

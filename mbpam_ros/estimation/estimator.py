@@ -8,14 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbpam_ros.actuator.calibration import calibrated_rod_law
+from mbpam_ros.actuator.calibration import Calibration, calibrate
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FINGER_COUNT
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import hanging_bend
 from mbpam_ros.actuator.kinematics import centreline, tip_pose
 from mbpam_ros.actuator.metamodel import MusclePerformance, load_metamodel
-from mbpam_ros.actuator.planar_rod import blocked_tip_force_per_moment
-from mbpam_ros.actuator.rod_law import RodLaw
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.gripper import Gripper
 
@@ -54,7 +52,7 @@ class GripperEstimate:
         bend_rad, bend_rate_rad_s: bend components and their rates, shape (4, 2).
         moment_n_m: intrinsic moment of the chambers in bend components, shape (4, 2).
         tip_position_m, tip_orientation_xyzw: tip poses in ``gripper_base``, shapes (4, 3) and (4, 4).
-        tip_force_n: tip force available against a plate (propped straight rod), shape (4,).
+        tip_force_n: tip force available against a plate that blocks the tip, shape (4,).
         bend_sigma_rad: one standard deviation of the bend, shape (4,).
     """
 
@@ -75,7 +73,7 @@ class BendEstimator:
     first after time ran backwards, finds the fingers at rest in their equilibrium.
 
     Args:
-        law: the muscles' calibrated rod law.
+        calibration: the muscles' rod law and blocked force.
         geometry: of the muscles.
         finger_base_m: clamp points in ``gripper_base``, shape (4, 3).
         performance: of the design; its relative error in theta_max is the model's share of the uncertainty.
@@ -87,18 +85,18 @@ class BendEstimator:
 
     def __init__(
         self,
-        law: RodLaw,
+        calibration: Calibration,
         geometry: MuscleGeometry,
         finger_base_m: ArrayLike,
         performance: MusclePerformance,
         config: EstimatorConfig,
     ) -> None:
-        self._law, self._geometry, self._config = law, geometry, config
+        self._law, self._tip_force = calibration.law, calibration.tip_force
+        self._geometry, self._config = geometry, config
         self._base = np.array(finger_base_m, dtype=float)
         if self._base.shape != (FINGER_COUNT, 3):
             raise ValueError(f"finger_base_m must have shape ({FINGER_COUNT}, 3), found {self._base.shape}")
         self._relative_model_error = performance.theta_max_sigma_rad / performance.theta_max_rad
-        self._force_per_moment = blocked_tip_force_per_moment(geometry)
         self._arc_length = np.linspace(0.0, geometry.length_m, config.centreline_points)
         self.reset()
 
@@ -106,7 +104,7 @@ class BendEstimator:
     def for_gripper(cls, gripper: Gripper, config: EstimatorConfig) -> BendEstimator:
         """Build the estimator of a gripper with the metamodel and target it names."""
         return cls(
-            calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target),
+            calibrate(gripper.design, gripper.geometry, gripper.metamodel, gripper.target),
             gripper.geometry,
             gripper.finger_base_m,
             load_metamodel(gripper.metamodel).predict(gripper.design),
@@ -151,7 +149,7 @@ class BendEstimator:
             moment_n_m=moment[0],
             tip_position_m=position + self._base,
             tip_orientation_xyzw=orientation,
-            tip_force_n=self._force_per_moment * np.hypot(moment[0, :, 0], moment[0, :, 1]),
+            tip_force_n=self._tip_force.at(moment[0]),
             bend_sigma_rad=self._bend_sigma(bend, probes, variance),
         )
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseArray
 from rclpy.parameter import Parameter
@@ -12,7 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.actuator.chambers import BEND_NAMES, CHANNEL_NAMES, FINGER_NAMES
 from mbpam_ros.actuator.metamodel import load_metamodel
-from mbpam_ros.configuration import ConfigError
+from mbpam_ros.configuration import ConfigError, load_yaml
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.messages import joint_state, time_stamp
 from mbpam_ros.nodes.state_estimator import StateEstimatorNode
@@ -121,8 +122,10 @@ def test_unpressurised_fingers_hang_straight_under_the_palm(graph):
 
 
 @pytest.mark.parametrize("metamodel", ["prs", "rbf", "krg"])
-def test_two_chambers_at_100_kpa_push_with_the_chosen_metamodel_s_force(graph, metamodel):
-    estimates = Estimates(graph, metamodel=metamodel)
+def test_two_chambers_at_100_kpa_push_with_the_chosen_metamodel_s_force(graph, metamodel, tmp_path):
+    gripper = tmp_path / "gripper.yaml"  # target "test" scales every metamodel to the measured force
+    gripper.write_text(yaml.safe_dump({**load_yaml("gripper.yaml"), "target": "fe"}))
+    estimates = Estimates(graph, metamodel=metamodel, gripper=str(gripper))
     estimates.feed(pressures([(1, 2), (2, 3), (3, 4), (4, 1)]))
     forces = estimates.forces[-1]
     assert tuple(forces.name) == FINGER_NAMES

@@ -1,4 +1,4 @@
-"""Structured hexahedral mesh of the muscle's unit cell: half a wave (or more), half the cross-section.
+"""Structured hexahedral mesh of the muscle's unit cell: half a wave (or more), half or all of the cross-section.
 
 Muscle frame in millimetres: z along the muscle from a crest at z = 0. The outer radius is a cosine wave whose crests
 keep the muscle's radius R, the wall has the radial thickness c, the chambers are sharp-cornered sectors between the
@@ -8,9 +8,9 @@ arms of a cross of thickness b:
     lambda = active length / number of waves.
 
 One octant of the section (0 to 45 deg) is meshed with five blocks - three in the core of the cross, one in the arm,
-one in the wall - then mirrored and turned. The bending plane is y = 0 and the mesh fills y >= 0. It holds chambers 1
-and 2 for ``pdc`` (1 and its mirror image 4 under pressure); for ``psc`` the muscle is turned by -45 deg and half of
-chamber 1, all of chamber 2 and half of chamber 3 are in it.
+one in the wall - then mirrored and turned. Of a half section the bending plane is y = 0 and the mesh fills y >= 0. It
+holds chambers 1 and 2 for ``pdc`` (4 and 3 are their mirror images); for ``psc`` the muscle is turned by -45 deg and
+half of chamber 1, all of chamber 2 and half of chamber 3 are in it (4 is the image of 2). ``full`` is all of it.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from mbpam_ros.configuration import require_positive
 
 PATTERNS = ("pdc", "psc")
-_FIRST_OCTANT = {"pdc": 0, "psc": 1}
-_OCTANTS = 4
+SECTIONS = {"pdc": range(0, 4), "psc": range(1, 5), "full": range(0, 8)}
+"""The octants of the section that are meshed; the first one is turned to begin at y = 0."""
 _SAME_POINT_MM = 1e-7
 
 # Node offsets of a cell, a face and an edge, in the node order of VTK (and FElupe), in half cells.
@@ -129,9 +129,9 @@ class CellMesh:
     """Mesh of a unit cell between the planes z = 0 and z = ``length_mm``.
 
     Args:
-        points_mm: shape (nodes, 3), all in y >= 0.
+        points_mm: shape (nodes, 3), all in y >= 0 but for the full section.
         cells: node numbers, shape (cells, 8 or 20), VTK order.
-        faces: per chamber (1, 2, 3) the wall faces, shape (faces, 4 or 8), normal pointing out of the gas.
+        faces: per meshed chamber (1 to 4) the wall faces, shape (faces, 4 or 8), normal pointing out of the gas.
         rims: per chamber the edges around its opening at z = ``length_mm``, shape (edges, 2 or 3; the middle node
             last), counter-clockwise around the gas seen from +z.
         length_mm: of the cell.
@@ -144,14 +144,14 @@ class CellMesh:
     length_mm: float
 
 
-def unit_cell_mesh(geometry: CellGeometry, resolution: Resolution, pattern: str, half_waves: int = 1) -> CellMesh:
-    """Return the mesh of ``half_waves`` half waves, beginning at a crest.
+def unit_cell_mesh(geometry: CellGeometry, resolution: Resolution, section: str, half_waves: int = 1) -> CellMesh:
+    """Return the mesh of ``half_waves`` half waves, beginning at a crest; ``section`` is ``pdc``, ``psc`` or ``full``.
 
     Raises:
-        ValueError: unknown pattern, or no half wave.
+        ValueError: unknown section, or no half wave.
     """
-    if pattern not in PATTERNS:
-        raise ValueError(f"unknown pattern {pattern!r}; known: {', '.join(PATTERNS)}")
+    if section not in SECTIONS:
+        raise ValueError(f"unknown section {section!r}; known: {', '.join(SECTIONS)}")
     if half_waves < 1:
         raise ValueError(f"half_waves must be at least 1, found {half_waves}")
     length = 0.5 * half_waves * geometry.wave_length_mm
@@ -160,10 +160,10 @@ def unit_cell_mesh(geometry: CellGeometry, resolution: Resolution, pattern: str,
     blocks, patches = _octant(geometry, resolution, order, z)
     solids: list[NDArray[np.float64]] = []
     walls: list[tuple[int, NDArray[np.float64]]] = []
-    first = _FIRST_OCTANT[pattern]
-    for octant in range(first, first + _OCTANTS):
-        solids += [_placed(block, octant, first) for block in blocks]
-        walls += [(octant // 2 + 1, _placed(patch, octant, first)) for patch in patches]
+    octants = SECTIONS[section]
+    for octant in octants:
+        solids += [_placed(block, octant, octants[0]) for block in blocks]
+        walls += [(octant // 2 + 1, _placed(patch, octant, octants[0])) for patch in patches]
     return _merged(solids, walls, order, length)
 
 

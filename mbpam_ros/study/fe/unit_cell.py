@@ -1,18 +1,19 @@
 """The muscle's unit cell in pure bending: finite elements between two planes that stay plane.
 
 In a long uniform wave the crest and valley planes are mirror planes. The cell is held between z = 0, on which its
-nodes slide, and an end plane that turns by phi about y through a point of the z axis, at z = length + w; nodes slide
-on it too. The cell's equilibria are the stationary points of the potential [N mm]
+nodes slide, and an end plane through a point of the z axis, at z = length + w, that turns by psi about x and then by
+phi about y; nodes slide on it too. The cell's equilibria are the stationary points of the potential [N mm]
 
-    Pi(q) = W(x(q)) - sum_c p_c V_c(x(q)) - M phi,   q = (free nodal coordinates, phi, w),
+    Pi(q) = W(x(q)) - sum_c p_c V_c(x(q)) - M phi - N psi,   q = (free nodal coordinates, phi, psi, w),
 
-with W the elastic energy and V_c the gas volume up to the end plane (:mod:`~mbpam_ros.study.fe.chamber_volume`); dPi/dw
-= 0 says that no axial force acts beyond the gas thrust. A node of the end plane lies at
+with W the elastic energy, V_c the gas volume up to the end plane (:mod:`~mbpam_ros.study.fe.chamber_volume`) and
+p_c = share_c p the pressure of chamber c; dPi/dw = 0 says that no axial force acts beyond the gas thrust. A node of the
+end plane lies at
 
-    x = (0, 0, length + w) + xi e1(phi) + eta e_y,   e1 = (cos phi, 0, sin phi).
+    x = (0, 0, length + w) + xi e1 + eta e2,   (e1, e2, n) = R_y(-phi) R_x(psi).
 
-phi > 0 turns the end away from +x, the side of the pressurised chambers. The cell is symmetric about y = 0; all values
-a user sees are those of the whole section. Lengths in mm, forces in N, stresses and pressures in MPa.
+phi > 0 turns the end away from +x, psi > 0 away from +y. A half section is symmetric about y = 0 and has no psi; all
+values a user sees are those of the whole section. Lengths in mm, forces in N, stresses and pressures in MPa.
 
 Not modelled: contact of the wall with itself or with another chamber's wall, viscosity, and the section's weight.
 """
@@ -20,6 +21,7 @@ Not modelled: contact of the wall with itself or with another chamber's wall, vi
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,10 +38,7 @@ try:
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError("the finite elements need FElupe: pip install '.[fem]'", name="felupe") from error
 
-_HALVES = 2.0  # the model is half the section
-
-# What the half section holds of the chambers, counted so that the two halves make the whole.
-_PRESSURISED = {"pdc": {1: 1.0}, "psc": {1: 1.0}}
+_COPIES = {"pdc": 2.0, "psc": 2.0, "full": 1.0}  # of the model in the whole section
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +46,10 @@ class CellState:
     """An equilibrium of the cell.
 
     Args:
-        pressure_gauge_mpa: in the pressurised chambers.
-        angle_rad: phi, between the cell's two planes.
-        moment_n_mm: that must act on the end plane beyond the gas thrust to hold it so; 0 in free bend.
+        pressure_gauge_mpa: p, in the chambers whose share is 1.
+        angle_rad, side_angle_rad: phi and psi, between the cell's two planes.
+        moment_n_mm, side_moment_n_mm: M and N that must act on the end plane beyond the gas thrust to hold it so; 0 in
+            free bend, N also by the symmetry of a half section.
         axis_stretch: length of the muscle's axis over its length at rest, taken as an arc.
         gas_volume_mm3: of all pressurised chambers in the cell.
         unknowns: q.
@@ -57,7 +57,9 @@ class CellState:
 
     pressure_gauge_mpa: float
     angle_rad: float
+    side_angle_rad: float
     moment_n_mm: float
+    side_moment_n_mm: float
     axis_stretch: float
     gas_volume_mm3: float
     unknowns: NDArray[np.float64]
@@ -68,14 +70,16 @@ class UnitCell:
 
     Args:
         geometry, resolution: see :mod:`~mbpam_ros.study.fe.mesh`.
-        pattern: ``pdc`` (two adjacent chambers under pressure) or ``psc`` (one).
+        pattern: section that is meshed: ``pdc`` and ``psc`` are halves, mirrored between and through chambers; ``full``
+            has no symmetry. The muscle of ``psc`` is turned by -45 deg (:mod:`~mbpam_ros.study.fe.mesh`).
         silicone: the material's constants.
         half_waves: number of half waves; one is enough.
         solve: sparse solver; by default the fastest one installed.
         control: of the load steps.
+        shares: pressure of each meshed chamber over p; the mirror images have the same. By default 1 in chamber 1.
 
     Raises:
-        ValueError: unknown pattern.
+        ValueError: unknown pattern, or a share for a chamber that is not in the mesh.
     """
 
     def __init__(
@@ -87,6 +91,7 @@ class UnitCell:
         half_waves: int = 1,
         solve: LinearSolver | None = None,
         control: StepControl | None = None,
+        shares: Mapping[int, float] | None = None,
     ) -> None:
         self.geometry = geometry
         self.pattern = pattern
@@ -97,11 +102,16 @@ class UnitCell:
         self._solve = solve or linear_solver()
         self._control = control or StepControl()
         self._body = _SolidBody(self.mesh, self.silicone, self.resolution.quadratic)
+        self._shares = {1: 1.0} if shares is None else {chamber: share for chamber, share in shares.items() if share}
+        foreign = set(self._shares) - set(self.mesh.faces)
+        if foreign:
+            raise ValueError(f"section {pattern!r} holds chambers {sorted(self.mesh.faces)}, not {sorted(foreign)}")
         cover_node = len(self.mesh.points_mm)
         self._gas = {
             chamber: ChamberVolume(self.mesh.faces[chamber], self.mesh.rims[chamber], cover_node)
-            for chamber in _PRESSURISED[pattern]
+            for chamber in self._shares
         }
+        self._copies = _COPIES[pattern]
         self._last_forces: tuple = (None, np.zeros(0))
         self._number_unknowns()
 
@@ -112,7 +122,7 @@ class UnitCell:
 
     @property
     def unknown_count(self) -> int:
-        """Number of unknowns, phi and w being the last two."""
+        """Number of unknowns; the last ones are phi, in the full section psi, and w."""
         return self._count
 
     def rest(self) -> CellState:
@@ -145,7 +155,7 @@ class UnitCell:
         return self._state(unknowns, pressure_gauge_mpa)
 
     def held_bend(self, pressure_gauge_mpa: float, angle_rad: float, start: CellState | None = None) -> CellState:
-        """Return the equilibrium with the end plane held at ``angle_rad``, free to move along the axis.
+        """Return the equilibrium with the end plane held at phi = ``angle_rad``, psi = 0, free to move along the axis.
 
         Pressure and angle go there from ``start`` together.
 
@@ -153,15 +163,15 @@ class UnitCell:
             LoadStepError: the state could not be reached.
         """
         start = start or self.rest()
-        begin_pressure, begin_angle = start.pressure_gauge_mpa, start.angle_rad
-        kept = np.delete(np.arange(self._count), self._count - 2)
+        begin_pressure, begin = start.pressure_gauge_mpa, start.unknowns[self._angles]
+        end = np.append(angle_rad, np.zeros(begin.size - 1))
+        kept = np.delete(np.arange(self._count), self._angles)
 
         def pressure(load: float) -> float:
             return begin_pressure + load * (pressure_gauge_mpa - begin_pressure)
 
         def unknowns_at(kept_values: NDArray[np.float64], load: float) -> NDArray[np.float64]:
-            angle = begin_angle + load * (angle_rad - begin_angle)
-            return np.concatenate([kept_values[:-1], [angle], kept_values[-1:]])
+            return np.concatenate([kept_values[:-1], begin + load * (end - begin), kept_values[-1:]])
 
         try:
             found = follow_load(
@@ -175,47 +185,57 @@ class UnitCell:
             part = error.reached
             raise LoadStepError(
                 f"held bend stopped at {1e3 * pressure(part):.2f} kPa, "
-                f"{begin_angle + part * (angle_rad - begin_angle):.4f} rad: {error}",
+                f"{begin[0] + part * (angle_rad - begin[0]):.4f} rad: {error}",
                 part,
             ) from error
         return self._state(unknowns_at(found, 1.0), pressure_gauge_mpa)
 
     def positions_mm(self, unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the deformed nodes, and the centre of the end plane as the last row; shape (nodes + 1, 3)."""
-        angle, height = unknowns[-2], self.mesh.length_mm + unknowns[-1]
-        flat = self._fixed.copy()
-        flat[self._free] = unknowns[:-2]
-        x = flat.reshape(-1, 3)
-        end, reach = self._end_nodes, x[self._end_nodes, 0]
-        x[end, 0] = reach * math.cos(angle)
-        x[end, 2] = height + reach * math.sin(angle)
-        x[-1] = (0.0, 0.0, height)
+        x = self._flat(unknowns)
+        centre = np.array([0.0, 0.0, self.mesh.length_mm + unknowns[-1]])
+        x[self._end_nodes] = centre + x[self._end_nodes, :2] @ self._end_axes(unknowns).T
+        x[-1] = centre
         return x
 
     def gas_volume_mm3(self, unknowns: NDArray[np.float64]) -> float:
         """Return the volume of the pressurised chambers of the whole section."""
         x = self.positions_mm(unknowns)
-        return _HALVES * sum(gas.value(x) for gas in self._gas.values())
+        return self._copies * sum(gas.value(x) for gas in self._gas.values())
+
+    def section_turn_rad(self, unknowns: NDArray[np.float64]) -> float:
+        """Return by how much the section at z = 0 is turned about z, least squares over its nodes.
+
+        The full section is kept from turning by one node only, which moves as its surroundings do; directions count
+        from the section. A half section does not turn.
+        """
+        if self.pattern != "full":
+            return 0.0
+        rest, now = (x[self.mesh.points_mm[:, 2] == 0.0, :2] for x in (self.mesh.points_mm, self._flat(unknowns)[:-1]))
+        turn = (rest - rest.mean(axis=0)).T @ (now - now.mean(axis=0))
+        return math.atan2(turn[0, 1] - turn[1, 0], turn[0, 0] + turn[1, 1])
 
     def potential_n_mm(self, unknowns: NDArray[np.float64], pressure_gauge_mpa: float) -> float:
-        """Return Pi of the half section [N mm], without outer moment."""
+        """Return Pi of the meshed section [N mm], without outer moment."""
         x = self.positions_mm(unknowns)
-        return self._body.energy(x[:-1]) - 0.5 * pressure_gauge_mpa * self.gas_volume_mm3(unknowns)
+        work = sum(self._shares[chamber] * gas.value(x) for chamber, gas in self._gas.items())
+        return self._body.energy(x[:-1]) - pressure_gauge_mpa * work
 
     def forces(self, unknowns: NDArray[np.float64], pressure_gauge_mpa: float) -> NDArray[np.float64]:
-        """Return dPi/dq of the half section; the last two are the moment [N mm] and the axial force [N]."""
+        """Return dPi/dq of the meshed section; the last ones are the moments [N mm] and the axial force [N]."""
         x = self.positions_mm(unknowns)
         return self._jacobian(unknowns).T @ self._nodal_forces(x, pressure_gauge_mpa)
 
     def tangent(self, unknowns: NDArray[np.float64], pressure_gauge_mpa: float) -> csr_matrix:
-        """Return d2Pi/dq2 of the half section."""
+        """Return d2Pi/dq2 of the meshed section."""
         x = self.positions_mm(unknowns)
         size = x.size
         stiffness = self._body.tangent(x[:-1])
         stiffness.resize((size, size))
-        for gas in self._gas.values():
+        for chamber, gas in self._gas.items():
             values, rows, columns = gas.hessian_entries(x)
-            stiffness = stiffness - coo_matrix((pressure_gauge_mpa * values, (rows, columns)), (size, size)).tocsr()
+            values = self._shares[chamber] * pressure_gauge_mpa * values
+            stiffness = stiffness - coo_matrix((values, (rows, columns)), (size, size)).tocsr()
         jacobian = self._jacobian(unknowns)
         return (jacobian.T @ stiffness @ jacobian + self._curvature(unknowns, x, pressure_gauge_mpa)).tocsr()
 
@@ -226,8 +246,8 @@ class UnitCell:
             return force
         force = np.zeros_like(x)
         force[:-1] = self._body.forces(x[:-1])
-        for gas in self._gas.values():
-            force -= pressure_gauge_mpa * gas.gradient(x)
+        for chamber, gas in self._gas.items():
+            force -= self._shares[chamber] * pressure_gauge_mpa * gas.gradient(x)
         self._last_forces = (x, pressure_gauge_mpa), force.ravel()
         return self._last_forces[1]
 
@@ -235,66 +255,99 @@ class UnitCell:
         """Choose the free coordinates. Of an end node, x stands for xi and y for eta; its z is not free."""
         points = np.vstack([self.mesh.points_mm, [0.0, 0.0, self.mesh.length_mm]])
         free = np.ones(points.shape, dtype=bool)
-        free[points[:, 1] == 0.0, 1] = False
         free[points[:, 2] == 0.0, 2] = False
         on_end = np.isclose(points[:, 2], self.mesh.length_mm)
         free[on_end, 2] = False
         free[-1] = False
         centre = np.flatnonzero(~points.any(axis=1))[0]
         free[centre, 0] = False  # both planes let the cell slide along x: its place there means nothing
+        if self.pattern == "full":
+            free[centre, 1] = False
+            free[self._core_node(points), 1] = False  # nor does its azimuth (see section_turn_rad)
+        else:
+            free[points[:, 1] == 0.0, 1] = False
         self._free = np.flatnonzero(free.ravel())
         self._fixed = points.ravel().copy()
         self._end_nodes = np.flatnonzero(on_end[:-1])
-        self._count = self._free.size + 2
-        self._rest = np.concatenate([self._fixed[self._free], [0.0, 0.0]])
-        self._column = np.full(points.size, -1)
-        self._column[self._free] = np.arange(self._free.size)
+        self._count = self._free.size + (3 if self.pattern == "full" else 2)
+        self._angles = np.arange(self._free.size, self._count - 1)
+        self._rest = np.concatenate([self._fixed[self._free], np.zeros(self._count - self._free.size)])
+        column = np.full(points.shape, -1)
+        column.ravel()[self._free] = np.arange(self._free.size)
+        self._end_columns = column[self._end_nodes, :2]  # of xi and eta; -1 = not free
+        self._unit_rows = np.setdiff1d(self._free, 3 * self._end_nodes[:, None] + [0, 1])  # dx/dq = 1
+        self._unit_columns = column.ravel()[self._unit_rows]
 
-        inner = np.setdiff1d(self._free, 3 * self._end_nodes)  # dx/dq = 1; an end node's y is among them
-        self._unit_rows, self._unit_columns = inner, self._column[inner]
-        # A node on the end plane's centre line x = 0 may be pinned nowhere: every end node has a free xi.
-        self._end_columns = self._column[3 * self._end_nodes]
+    def _core_node(self, points: NDArray[np.float64]) -> int:
+        """The node at z = 0, in the middle of the cross, on the positive x axis."""
+        return int(np.flatnonzero(np.isclose(points, [0.5 * self.geometry.b_mm, 0.0, 0.0]).all(axis=1))[0])
+
+    def _flat(self, unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Nodes as numbered: the first two components of end nodes are xi and eta."""
+        flat = self._fixed.copy()
+        flat[self._free] = unknowns[: self._free.size]
+        return flat.reshape(-1, 3)
+
+    def _end_axes(self, unknowns: NDArray[np.float64], d_angle: int = 0, d_side: int = 0) -> NDArray[np.float64]:
+        """(e1, e2) as columns, or their derivatives of these orders with respect to phi and psi."""
+        phi, psi = (*unknowns[self._angles], 0.0)[:2]
+        c, s = math.cos(phi + 0.5 * math.pi * d_angle), math.sin(phi + 0.5 * math.pi * d_angle)
+        about_y = np.array([[c, 0.0, -s], [0.0, 0.0 if d_angle else 1.0, 0.0], [s, 0.0, c]])
+        c, s = math.cos(psi + 0.5 * math.pi * d_side), math.sin(psi + 0.5 * math.pi * d_side)
+        return about_y @ np.array([[0.0 if d_side else 1.0, 0.0], [0.0, c], [0.0, s]])
 
     def _jacobian(self, unknowns: NDArray[np.float64]) -> csr_matrix:
         """dx/dq, shape (3 (nodes + 1), unknowns)."""
-        angle, angle_column, height_column = unknowns[-2], self._count - 2, self._count - 1
-        cosine, sine = math.cos(angle), math.sin(angle)
-        reach = unknowns[self._end_columns]
-        x_rows, z_rows = 3 * self._end_nodes, 3 * self._end_nodes + 2
-        ones = np.ones(reach.size)
+        reach = self._flat(unknowns)[self._end_nodes, :2]
+        axes = self._end_axes(unknowns)
+        rows = 3 * self._end_nodes[:, None] + np.arange(3)  # (end nodes, 3)
         entries = [
             (np.ones(self._unit_rows.size), self._unit_rows, self._unit_columns),
-            (cosine * ones, x_rows, self._end_columns),
-            (sine * ones, z_rows, self._end_columns),
-            (-sine * reach, x_rows, np.full(reach.size, angle_column)),
-            (cosine * reach, z_rows, np.full(reach.size, angle_column)),
-            (ones, z_rows, np.full(reach.size, height_column)),
-            (np.ones(1), np.array([self._fixed.size - 1]), np.array([height_column])),
+            (np.ones(len(rows)), rows[:, 2], np.full(len(rows), self._count - 1)),
+            (np.ones(1), np.array([self._fixed.size - 1]), np.array([self._count - 1])),
         ]
+        for component in range(2):
+            free = self._end_columns[:, component] >= 0
+            place, columns = rows[free], self._end_columns[free, component]
+            entries.append((np.tile(axes[:, component], len(place)), place.ravel(), np.repeat(columns, 3)))
+        for column, order in zip(self._angles, ((1, 0), (0, 1)), strict=False):
+            turned = reach @ self._end_axes(unknowns, *order).T
+            entries.append((turned.ravel(), rows.ravel(), np.full(rows.size, column)))
         values, rows, columns = (np.concatenate(parts) for parts in zip(*entries, strict=True))
         return coo_matrix((values, (rows, columns)), (self._fixed.size, self._count)).tocsr()
 
     def _curvature(self, unknowns: NDArray[np.float64], x: NDArray[np.float64], pressure: float) -> csr_matrix:
-        """sum f d2x/dq2: the end nodes' places are nonlinear in phi."""
-        angle, column = unknowns[-2], self._count - 2
+        """sum f d2x/dq2: the end nodes' places are nonlinear in the angles."""
         force = self._nodal_forces(x, pressure).reshape(-1, 3)[self._end_nodes]
-        cosine, sine = math.cos(angle), math.sin(angle)
-        reach = unknowns[self._end_columns]
-        mixed = -sine * force[:, 0] + cosine * force[:, 2]
-        turned = -np.sum(reach * (cosine * force[:, 0] + sine * force[:, 2]))
-        angles = np.full(reach.size, column)
-        values = np.concatenate([mixed, mixed, [turned]])
-        rows = np.concatenate([self._end_columns, angles, [column]])
-        columns = np.concatenate([angles, self._end_columns, [column]])
+        reach = self._flat(unknowns)[self._end_nodes, :2]
+        orders = ((1, 0), (0, 1))[: self._angles.size]
+        values, rows, columns = [], [], []
+        for angle, order in zip(self._angles, orders, strict=True):
+            mixed = force @ self._end_axes(unknowns, *order)  # (end nodes, xi and eta)
+            free = self._end_columns >= 0
+            values += [mixed[free], mixed[free]]
+            rows += [self._end_columns[free], np.full(free.sum(), angle)]
+            columns += [np.full(free.sum(), angle), self._end_columns[free]]
+            for other, more in zip(self._angles, orders, strict=True):
+                turned = self._end_axes(unknowns, order[0] + more[0], order[1] + more[1])
+                values.append([np.sum(force * (reach @ turned.T))])
+                rows.append([angle])
+                columns.append([other])
+        values, rows, columns = (np.concatenate(parts) for parts in (values, rows, columns))
         return coo_matrix((values, (rows, columns)), (self._count, self._count)).tocsr()
 
     def _state(self, unknowns: NDArray[np.float64], pressure_gauge_mpa: float) -> CellState:
-        angle, height = float(unknowns[-2]), self.mesh.length_mm + float(unknowns[-1])
-        arc = height if abs(angle) < 1e-9 else angle * height / math.tan(angle)
+        height = self.mesh.length_mm + float(unknowns[-1])
+        angle, side_angle = (*map(float, unknowns[self._angles]), 0.0)[:2]
+        moment, side_moment = (*map(float, self.forces(unknowns, pressure_gauge_mpa)[self._angles]), 0.0)[:2]
+        tilt = math.acos(min(1.0, math.cos(angle) * math.cos(side_angle)))
+        arc = height if tilt < 1e-7 else tilt * height / math.tan(tilt)
         return CellState(
             pressure_gauge_mpa=pressure_gauge_mpa,
             angle_rad=angle,
-            moment_n_mm=_HALVES * float(self.forces(unknowns, pressure_gauge_mpa)[-2]),
+            side_angle_rad=side_angle,
+            moment_n_mm=self._copies * moment,
+            side_moment_n_mm=self._copies * side_moment,
             axis_stretch=arc / self.mesh.length_mm,
             gas_volume_mm3=self.gas_volume_mm3(unknowns),
             unknowns=unknowns,

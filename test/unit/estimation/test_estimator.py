@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from mbpam_ros.actuator.calibration import calibrated_rod_law
+from mbpam_ros.actuator.calibration import calibrate, calibrated_rod_law, calibration_targets
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, pressurised_chambers
 from mbpam_ros.actuator.equilibrium import hanging_bend
 from mbpam_ros.actuator.kinematics import tip_pose
@@ -94,10 +94,11 @@ def test_centrelines_run_from_the_clamps_to_the_tips(estimator):
     np.testing.assert_allclose(lines[:, -1], estimate.tip_position_m, atol=1e-15)
 
 
-def test_the_available_force_at_100_kpa_is_the_metamodels(estimator):
-    estimate = estimator.update(0.0, all_fingers([1, 1, 0, 0]), QUIET)
-    force = load_metamodel(GRIPPER.metamodel).predict(GRIPPER.design).f_max_n
-    np.testing.assert_allclose(estimate.tip_force_n, force, rtol=1e-9)
+@pytest.mark.parametrize(("pattern", "chambers"), [("pdc", [1, 1, 0, 0]), ("psc", [1, 0, 0, 0])])
+def test_the_available_force_at_100_kpa_is_the_calibrations_target(estimator, pattern, chambers):
+    estimate = estimator.update(0.0, all_fingers(chambers), QUIET)
+    target = calibration_targets(GRIPPER.design, GRIPPER.metamodel, GRIPPER.target)[pattern]
+    np.testing.assert_allclose(estimate.tip_force_n, target.f_max_n, rtol=1e-9)
 
 
 def test_without_pressure_noise_sigma_is_the_metamodels_relative_error(estimator):
@@ -192,9 +193,9 @@ def test_the_callers_arrays_are_left_alone(estimator):
 
 def test_bases_of_other_than_four_fingers_are_refused():
     performance = load_metamodel("prs").predict(GRIPPER.design)
-    law = calibrated_rod_law(GRIPPER.design, GRIPPER.geometry)
+    calibration = calibrate(GRIPPER.design, GRIPPER.geometry)
     with pytest.raises(ValueError, match="finger_base_m"):
-        BendEstimator(law, GRIPPER.geometry, np.zeros((3, 3)), performance, CONFIG)
+        BendEstimator(calibration, GRIPPER.geometry, np.zeros((3, 3)), performance, CONFIG)
 
 
 @pytest.mark.parametrize(

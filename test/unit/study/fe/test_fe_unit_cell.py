@@ -7,10 +7,10 @@ from numpy.polynomial.legendre import leggauss
 
 felupe = pytest.importorskip("felupe")
 
-from mbpam_ros.actuator.tables import read_table  # noqa: E402
 from mbpam_ros.study.fe.law import BendingLaw  # noqa: E402
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution  # noqa: E402
 from mbpam_ros.study.fe.solve import LoadStepError, StepControl, linear_solver  # noqa: E402
+from mbpam_ros.study.fe.unequal_pressures import bend_vector_rad  # noqa: E402
 from mbpam_ros.study.fe.unit_cell import UnitCell  # noqa: E402
 
 SMALL = Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2)
@@ -230,14 +230,84 @@ def test_a_law_is_of_one_pressure(pdc, bent):
         BendingLaw(pdc, [bent, pdc.rest()])
 
 
-def test_a_curve_to_100_kpa_on_the_shipped_mesh_is_quick_and_is_that_of_the_first_rebuild():
-    """The rebuild of ``config/data/fe_unit_cell.csv``: another program, and a mesh that is not on record."""
+def test_a_curve_to_100_kpa_on_the_shipped_mesh_is_quick_and_is_that_of_another_program():
+    """Free bends of an earlier rebuild in the same reading, with a mesh that is not on record."""
     began_s = time.process_time()
-    p_kpa, pdc_deg = read_table("fe_unit_cell.csv", "p_kpa", "pdc_theta_deg")
+    other_deg = {20.0: 9.05, 40.0: 23.08, 60.0: 46.26, 80.0: 92.88, 90.0: 121.75, 100.0: 143.67}
     cell = UnitCell(CellGeometry())
     state, bend_deg = cell.rest(), []
-    for pressure_kpa in p_kpa:
+    for pressure_kpa in other_deg:
         state = cell.free_bend(1e-3 * pressure_kpa, state)
         bend_deg.append(math.degrees(state.angle_rad) * cell.angle_per_muscle)
-    assert bend_deg == pytest.approx(pdc_deg, rel=0.015)
+    assert bend_deg == pytest.approx(list(other_deg.values()), rel=0.015)
     assert time.process_time() - began_s < 30.0
+
+
+def full_section(shares):
+    quick = StepControl(first_step=0.5, largest_step=0.5)
+    return UnitCell(CellGeometry(), "full", SMALL, control=quick, shares=shares)
+
+
+@pytest.fixture(scope="module")
+def lopsided():
+    return full_section({1: 1.0, 2: 0.5, 4: 0.2})
+
+
+class TestFullSection:
+    """The section without a mirror plane: two angles, four chambers of any pressures."""
+
+    @staticmethod
+    def bend(cell):
+        """Free bend [rad] in the section's own axes."""
+        free = cell.free_bend(PRESSURE_MPA)
+        return turned(bend_vector_rad(free), -cell.section_turn_rad(free.unknowns))
+
+    def test_forces_and_tangent_are_slopes_of_the_potential(self, lopsided):
+        unknowns, direction = disturbed(lopsided)
+        unknowns[-3:] = 0.03, -0.02, 0.1
+        step = 1e-6
+        ahead, behind = (unknowns + sign * step * direction for sign in (1.0, -1.0))
+        slope = (lopsided.potential_n_mm(ahead, PRESSURE_MPA) - lopsided.potential_n_mm(behind, PRESSURE_MPA)) / (
+            2 * step
+        )
+        assert slope == pytest.approx(lopsided.forces(unknowns, PRESSURE_MPA) @ direction, rel=1e-6)
+        slope = (lopsided.forces(ahead, PRESSURE_MPA) - lopsided.forces(behind, PRESSURE_MPA)) / (2 * step)
+        tangent = lopsided.tangent(unknowns, PRESSURE_MPA)
+        assert np.abs(tangent @ direction - slope).max() < 1e-8 * np.abs(slope).max()
+        assert abs(tangent - tangent.T).max() < 1e-14 * abs(tangent).max()
+
+    def test_with_a_patterns_pressures_it_is_the_half_section(self, pdc, bent):
+        whole = full_section({1: 1.0, 2: 1.0})  # bends toward -y
+        assert self.bend(whole) == pytest.approx([0.0, -bent.angle_rad], rel=1e-6, abs=1e-9)
+        straight = whole.held_bend(PRESSURE_MPA, 0.0)
+        moment = turned([straight.moment_n_mm, straight.side_moment_n_mm], -whole.section_turn_rad(straight.unknowns))
+        assert moment == pytest.approx([0.0, pdc.held_bend(PRESSURE_MPA, 0.0).moment_n_mm], rel=1e-6, abs=1e-6)
+
+    def test_a_quarter_turn_of_the_pressures_turns_the_bend(self, lopsided):
+        other = full_section({2: 1.0, 3: 0.5, 1: 0.2})
+        assert self.bend(other) == pytest.approx(turned(self.bend(lopsided), 0.5 * math.pi), rel=1e-5, abs=1e-9)
+
+    def test_equal_pressures_in_all_chambers_lengthen_and_do_not_bend(self):
+        state = full_section(dict.fromkeys((1, 2, 3, 4), 1.0)).free_bend(PRESSURE_MPA)
+        assert (state.angle_rad, state.side_angle_rad) == pytest.approx((0.0, 0.0), abs=1e-9)
+        assert state.axis_stretch > 1.01
+
+
+def turned(vector, angle_rad):
+    cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[cosine, -sine], [sine, cosine]]) @ vector
+
+
+def test_the_opposite_chamber_of_a_half_section_takes_bend_away(bent):
+    one, both = (
+        UnitCell(CellGeometry(), "psc", SMALL, shares=shares).free_bend(PRESSURE_MPA).angle_rad
+        for shares in ({1: 1.0}, {1: 1.0, 3: 0.5})
+    )
+    balanced = UnitCell(CellGeometry(), "psc", SMALL, shares={1: 1.0, 3: 1.0}).free_bend(PRESSURE_MPA).angle_rad
+    assert 0.3 * one < both < 0.9 * one
+    assert balanced == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_pressure_for_a_chamber_that_is_not_meshed_is_refused():
+    with pytest.raises(ValueError, match=r"'pdc' holds chambers \[1, 2\], not \[4\]"):
+        UnitCell(CellGeometry(), "pdc", SMALL, shares={1: 1.0, 4: 1.0})
