@@ -53,7 +53,8 @@ setup(
     extras_require={
         "ros": ROS_WHEELS,
         "report": ["matplotlib"],
-        "fem": ["felupe>=11", "pypardiso"],  # offline finite elements; without pypardiso SciPy solves
+        "fem": ["felupe>=11", "pypardiso", "matplotlib"],  # offline finite elements; without pypardiso SciPy solves
+        "cluster": ["distributed"],  # their many runs on many machines
         "test": TEST,
     },
     tests_require=TEST,
