@@ -17,7 +17,7 @@ import os
 import sys
 import time
 from collections.abc import Sequence
-from concurrent.futures import Executor
+from concurrent.futures import BrokenExecutor, Executor
 from pathlib import Path
 from typing import NoReturn
 
@@ -57,6 +57,9 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
         _check_outputs(options)
         with open_executor(options.workers, options.dask) as executor:
             return _run(options, template, points, executor, progress)
+    except BrokenExecutor as error:
+        print(f"calibrate_fe: a worker died (out of memory?); give fewer --workers: {error}", file=sys.stderr)
+        return 1
     except (*NO_EQUILIBRIUM, ResultFileError, ExecutorError, ValueError, OSError) as error:
         print(f"calibrate_fe: {error}", file=sys.stderr)
         return 1

@@ -10,6 +10,7 @@ import logging
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -69,14 +70,15 @@ def _dask(workers: int, address: str) -> Iterator[Executor]:
     cluster = None
     try:
         if address == LOCAL_CLUSTER:
-            cluster = LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",  # None would take Dask's fixed port, with or without a dashboard
-                scheduler_kwargs={"dashboard": False},
-                silence_logs=logging.CRITICAL,
-            )
+            with _interrupts_ignored():
+                cluster = LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",  # None would take Dask's fixed port, dashboard or not
+                    scheduler_kwargs={"dashboard": False},
+                    silence_logs=logging.CRITICAL,
+                )
         client = Client(cluster or address, timeout=_CONNECT_S)
     except (OSError, ValueError) as error:  # a TimeoutError is an OSError
         raise ExecutorError(f"no Dask scheduler answers at {address}: {error}") from error
@@ -90,3 +92,16 @@ def _dask(workers: int, address: str) -> Iterator[Executor]:
     finally:
         if cluster is not None:
             cluster.close()
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Start processes that inherit this, and leave Ctrl-C to the parent as :func:`_leave_interrupts_to_the_parent`."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may set handlers, and only it is interrupted
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
