@@ -26,7 +26,7 @@ from mbpam_ros.study.fe.posture import (
     upright_tip_angle_rad,
     weight_n_mm,
 )
-from mbpam_ros.study.fe.solve import LoadStepError
+from mbpam_ros.study.fe.solve import LoadStepError, StepControl
 from mbpam_ros.study.fe.unit_cell import UnitCell
 
 NOMINAL_KPA = 100.0
@@ -41,13 +41,25 @@ MESHES = {
 chosen with; it is too stiff. ``quadratic`` (20-node elements, reduced integration) is converged to about 0.5 % of the
 free bend at 100 kPa. ``coarse`` is for trying things out."""
 
+_SHORT_WAY = StepControl(first_step=0.5, largest_step=0.5)
+"""From one pressure or bend of a curve to the next, two steps are enough; one that is not is halved."""
+
 NO_EQUILIBRIUM = (LoadStepError, LawError, PostureError)
 """What a run raises when the finite elements or the rod find no equilibrium."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One finite element job; a plain value, so that any executor can send it anywhere."""
+    """One finite element job; a plain value, so that any executor can send it anywhere.
+
+    Args:
+        geometry, pattern, resolution, silicone: of the unit cell.
+        end_length_mm: straight piece at each end.
+        end_weight_factor: its weight per length over the waved part's mean.
+
+    Raises:
+        ValueError: an end's length or weight is negative or not finite.
+    """
 
     geometry: CellGeometry
     pattern: str
@@ -56,9 +68,15 @@ class Run:
     end_length_mm: float = END_LENGTH_MM
     end_weight_factor: float = END_WEIGHT_FACTOR
 
-    def cell(self) -> UnitCell:
+    def __post_init__(self) -> None:
+        for name in ("end_length_mm", "end_weight_factor"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"{name} must be zero or more and finite, found {value}")
+
+    def cell(self, control: StepControl | None = None) -> UnitCell:
         """Return the unit cell of this job."""
-        return UnitCell(self.geometry, self.pattern, self.resolution, self.silicone)
+        return UnitCell(self.geometry, self.pattern, self.resolution, self.silicone, control=control)
 
     def upright_tip_angle_rad(self, law: BendingLaw) -> float:
         """Return the tip angle in the paper's posture with the law of one pressure.
@@ -111,7 +129,7 @@ def bend_curve(run: Run, pressures_kpa: Sequence[float]) -> dict[str, list[float
     Raises:
         LoadStepError, LawError, PostureError: as in :func:`nominal_values`.
     """
-    cell = run.cell()
+    cell = run.cell(_SHORT_WAY)
     state, angles = cell.rest(), []
     for pressure_kpa in pressures_kpa:
         state = cell.free_bend(1e-3 * pressure_kpa, state)

@@ -46,13 +46,14 @@ def draw_sections(shapes: Sequence[MuscleShape], path: Path) -> None:
             axis = row[column]
             moved = " at rest" if moment == 0 else f" at {shape.pressure_kpa:g} kPa"
             axis.set_title(plane + moved, fontsize=10)
-            _draw_section(axis, shape.sections_mm[plane][moment], PATTERN_COLOURS[shape.pattern], bool(moment))
+            _draw_section(axis, shape.sections_mm[plane][moment], PATTERN_COLOURS[shape.pattern] if moment else None)
+            _draw_circle(axis, float(np.linalg.norm(shape.sections_mm["crest"][0], axis=-1).max()))
             if moment:
                 _mark_pressure(axis, shape)
         row[0].set_ylabel(f"{PATTERN_NAMES[shape.pattern]}\ny [mm]")
     for axis in axes[-1]:
         axis.set_xlabel("x in the bending plane [mm]")
-    figure.suptitle("Sections of the unit cell at mid length; grey outline: at rest; the muscle bends toward -x")
+    figure.suptitle("Sections of the unit cell at mid length (dotted: crest at rest); the muscle bends toward -x")
     figure.savefig(path, dpi=_DPI)
 
 
@@ -220,15 +221,19 @@ def _figure(width: float, height: float) -> object:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _draw_section(axis: object, faces: NDArray[np.float64], colour: str, moved: bool) -> None:
+def _draw_section(axis: object, faces: NDArray[np.float64], colour: str | None) -> None:
     from matplotlib.collections import PolyCollection
 
-    face_colour = (colour, 0.45) if moved else "0.85"
-    axis.add_collection(PolyCollection(list(faces), facecolors=[face_colour], edgecolors="0.25", linewidths=0.4))
-    circle = np.linspace(0.0, 2.0 * np.pi, 200)
-    axis.plot(10.0 * np.cos(circle), 10.0 * np.sin(circle), color="0.6", lw=0.6, ls=":")
+    face_colour = (colour, 0.45) if colour else "0.85"
+    lines = {"edgecolors": "0.25", "linewidths": 0.4, "snap": False}
+    axis.add_collection(PolyCollection(list(faces), facecolors=[face_colour], **lines))
     axis.set_aspect("equal")
     axis.autoscale_view()
+
+
+def _draw_circle(axis: object, radius_mm: float) -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    axis.plot(radius_mm * np.cos(angle), radius_mm * np.sin(angle), color="0.6", lw=0.6, ls=":")
 
 
 def _mark_pressure(axis: object, shape: MuscleShape) -> None:

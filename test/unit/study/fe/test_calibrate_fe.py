@@ -29,6 +29,7 @@ COMMAND = [sys.executable, "-u", "-m", "mbpam_ros.study.fe.calibrate_fe"]
         ["--law", "x", "--json", "y"],
         ["--points", "table_9:1", "--json", "x"],
         ["--workers", "0", "--json", "x"],
+        ["--end-length", "-1", "--json", "x"],
     ],
 )
 def test_what_cannot_be_run_is_said_in_one_line(arguments, capsys, tmp_path, monkeypatch):
