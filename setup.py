@@ -55,7 +55,8 @@ setup(
         "ros": ROS_WHEELS,
         "report": ["matplotlib"],
         "study": ["matplotlib", "pymoo"],  # pictures and NSGA-II of the design study; all else needs no extra
-        "fem": ["felupe>=11", "pypardiso"],  # offline finite elements; without pypardiso SciPy solves
+        "fem": ["felupe>=11", "pypardiso", "matplotlib"],  # offline finite elements; without pypardiso SciPy solves
+        "cluster": ["distributed"],  # their many runs on many machines
         "test": TEST,
     },
     tests_require=TEST,

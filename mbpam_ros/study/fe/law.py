@@ -101,6 +101,15 @@ class BendingLaw:
             raise LawError("one sample does not make a law; add bends")
         return PchipInterpolator(self.moment_n_mm, np.stack([self.bend_rad, self.axis_stretch], axis=1))
 
+    def unknowns_at(self, bend_rad: float) -> NDArray[np.float64]:
+        """Return the cell's unknowns at a bend of the active length, interpolated linearly between samples; no further
+        than the samples go."""
+        bends = self.bend_rad
+        bend = min(max(bend_rad, bends[0]), bends[-1])
+        above = min(max(int(np.searchsorted(bends, bend)), 1), bends.size - 1)
+        part = (bend - bends[above - 1]) / (bends[above] - bends[above - 1])
+        return (1.0 - part) * self._states[above - 1].unknowns + part * self._states[above].unknowns
+
     def _check_rising(self) -> None:
         falls = np.flatnonzero(np.diff(self.moment_n_mm) <= 0.0)
         if falls.size:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import newton
 
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
@@ -82,6 +83,31 @@ def upright_tip_angle_rad(
         if law.moment_n_mm[0] <= min(needed) and max(needed) <= law.moment_n_mm[-1]:
             return tip
         law.cover(min(needed), max(needed), _SAMPLE_STEP_RAD)
+
+
+def upright_bends_rad(
+    law: BendingLaw,
+    geometry: CellGeometry,
+    end_length_mm: float,
+    end_weight_factor: float,
+    stations: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the local bend of the upright muscle: curvature times active length [rad].
+
+    Args:
+        stations: distances from the clamped end of the active length over that length, 0 to 1; shape (k,).
+
+    Returns:
+        Shape (k,); the mean over the active length is the tip angle.
+
+    Raises:
+        As :func:`upright_tip_angle_rad`.
+    """
+    tip = upright_tip_angle_rad(law, geometry, end_length_mm, end_weight_factor)
+    march = _March(law, geometry.active_length_mm, (end_length_mm, end_weight_factor), stretching=True)
+    moments = march.moments_n_mm(tip, weight_n_mm(geometry))  # from the tip on
+    from_tip = np.linspace(0.0, 1.0, len(moments))
+    return law.bend_and_stretch_of_moment()(np.interp(1.0 - stations, from_tip, moments))[:, 0]
 
 
 class _March:

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.study.fe.calibrate_fe import Run, settings
+from mbpam_ros.study.fe.design_run import Run, settings
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.fe.unit_cell import CellState, UnitCell
 

@@ -8,7 +8,7 @@ pytest.importorskip("felupe")
 
 from mbpam_ros.configuration import config_path  # noqa: E402
 from mbpam_ros.study.fe import unequal_pressures  # noqa: E402
-from mbpam_ros.study.fe.calibrate_fe import Run, settings  # noqa: E402
+from mbpam_ros.study.fe.design_run import Run, settings  # noqa: E402
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution  # noqa: E402
 from mbpam_ros.study.fe.unequal_pressures import PRESSURES_KPA, SHARES, section_for, unequal_rows  # noqa: E402
 

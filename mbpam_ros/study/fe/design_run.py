@@ -1,0 +1,160 @@
+"""One design, run through the finite elements: bend against pressure, and what it does at 100 kPa.
+
+Angles are those of the paper's posture (base down, tip up, weight on; :mod:`~mbpam_ros.study.fe.posture`). The blocked
+force is that of the straight propped rod, F = M0 int(x) / int(x^2), with the moment M0 that holds the cell straight.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from mbpam_ros.actuator.design import MuscleGeometry
+from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
+from mbpam_ros.actuator.planar_rod import blocked_tip_force_per_moment
+from mbpam_ros.study.fe.law import BendingLaw, LawError
+from mbpam_ros.study.fe.material import Silicone
+from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
+from mbpam_ros.study.fe.posture import (
+    END_LENGTH_MM,
+    END_WEIGHT_FACTOR,
+    PostureError,
+    upright_tip_angle_rad,
+    weight_n_mm,
+)
+from mbpam_ros.study.fe.solve import LoadStepError, StepControl
+from mbpam_ros.study.fe.unit_cell import UnitCell
+
+NOMINAL_KPA = 100.0
+NOT_MODELLED = ("self-contact", "viscosity", "end caps", "sliding contact of the blocked tip")
+
+MESHES = {
+    "trilinear": Resolution(),
+    "quadratic": Resolution(wave=6, wall=1, arm=2, spoke=2, sector=2, quadratic=True),
+    "coarse": Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2),
+}
+"""Meshes by name. ``trilinear`` (8-node elements with mean dilatation, two through the wall) is the one the reading was
+chosen with; it is too stiff. ``quadratic`` (20-node elements, reduced integration) is converged to about 0.5 % of the
+free bend at 100 kPa. ``coarse`` is for trying things out."""
+
+_SHORT_WAY = StepControl(first_step=0.5, largest_step=0.5)
+"""From one pressure or bend of a curve to the next, two steps are enough; one that is not is halved."""
+
+NO_EQUILIBRIUM = (LoadStepError, LawError, PostureError)
+"""What a run raises when the finite elements or the rod find no equilibrium."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One finite element job; a plain value, so that any executor can send it anywhere.
+
+    Args:
+        geometry, pattern, resolution, silicone: of the unit cell.
+        end_length_mm: straight piece at each end.
+        end_weight_factor: its weight per length over the waved part's mean.
+
+    Raises:
+        ValueError: an end's length or weight is negative or not finite.
+    """
+
+    geometry: CellGeometry
+    pattern: str
+    resolution: Resolution = field(default_factory=Resolution)
+    silicone: Silicone = field(default_factory=Silicone)
+    end_length_mm: float = END_LENGTH_MM
+    end_weight_factor: float = END_WEIGHT_FACTOR
+
+    def __post_init__(self) -> None:
+        for name in ("end_length_mm", "end_weight_factor"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"{name} must be zero or more and finite, found {value}")
+
+    def cell(self, control: StepControl | None = None) -> UnitCell:
+        """Return the unit cell of this job."""
+        return UnitCell(self.geometry, self.pattern, self.resolution, self.silicone, control=control)
+
+    def upright_tip_angle_rad(self, law: BendingLaw) -> float:
+        """Return the tip angle in the paper's posture with the law of one pressure.
+
+        Raises:
+            LoadStepError, LawError, PostureError: no equilibrium was found.
+        """
+        return upright_tip_angle_rad(law, self.geometry, self.end_length_mm, self.end_weight_factor)
+
+
+def nominal_values(run: Run, end_weight_factors: Sequence[float] = ()) -> dict[str, object]:
+    """Return what one design does at 100 kPa: bend [deg] without and with weight, held-straight moment, blocked force.
+
+    The law's samples come with it, so that other postures and weights need no finite elements.
+
+    Args:
+        end_weight_factors: other weights of the ends, for each of which the bend is given under
+            ``theta_deg_by_end_weight``, in this order.
+
+    Raises:
+        LoadStepError, LawError, PostureError: the finite elements or the rod found no equilibrium.
+    """
+    cell = run.cell()
+    pressure_mpa = 1e-3 * NOMINAL_KPA
+    free = cell.free_bend(pressure_mpa)
+    law = BendingLaw(cell, [free])
+    upright_rad = run.upright_tip_angle_rad(law)
+    others_rad = [upright_tip_angle_rad(law, run.geometry, run.end_length_mm, factor) for factor in end_weight_factors]
+    straight = cell.held_bend(pressure_mpa, 0.0)
+    moment_n_mm = -straight.moment_n_mm
+    length_m, end_m = 1e-3 * run.geometry.active_length_mm, 1e-3 * run.end_length_mm
+    rod = MuscleGeometry(
+        1e-3 * run.geometry.outer_radius_mm, end_m, length_m, 1e3 * weight_n_mm(run.geometry) / GRAVITY_M_S2
+    )
+    return {
+        "free_bend_deg": math.degrees(free.angle_rad) * cell.angle_per_muscle,
+        "theta_deg": math.degrees(upright_rad),
+        "straight_moment_n_mm": moment_n_mm,
+        "force_n": 1e-3 * moment_n_mm * blocked_tip_force_per_moment(rod),
+        **({"theta_deg_by_end_weight": np.degrees(others_rad).tolist()} if others_rad else {}),
+        "bend_samples_deg": np.degrees(law.bend_rad).tolist(),
+        "moment_samples_n_mm": law.moment_n_mm.tolist(),
+        "axis_stretch_samples": law.axis_stretch.tolist(),
+    }
+
+
+def bend_curve(run: Run, pressures_kpa: Sequence[float]) -> dict[str, list[float]]:
+    """Return ``p_kpa`` and ``theta_deg`` in the paper's posture, pressures rising.
+
+    Raises:
+        LoadStepError, LawError, PostureError: as in :func:`nominal_values`.
+    """
+    cell = run.cell(_SHORT_WAY)
+    state, angles = cell.rest(), []
+    for pressure_kpa in pressures_kpa:
+        state = cell.free_bend(1e-3 * pressure_kpa, state)
+        law = BendingLaw(cell, [state])
+        angles.append(math.degrees(run.upright_tip_angle_rad(law)))
+    return {"p_kpa": [float(value) for value in pressures_kpa], "theta_deg": angles}
+
+
+def settings(run: Run) -> dict[str, object]:
+    """Return what the numbers depend on besides a and b, and the versions they were made with."""
+    geometry = asdict(run.geometry)
+    del geometry["a_mm"], geometry["b_mm"]
+    versions = {name: _version(name) for name in ("felupe", "numpy", "scipy", "pypardiso")}
+    return {
+        "convention": "outer radius R - a/2 (1 - cos(2 pi z / lambda)); radial wall c; chambers x, y > b/2",
+        "geometry": {**geometry, "end_length_mm": run.end_length_mm, "end_weight_factor": run.end_weight_factor},
+        "resolution": asdict(run.resolution),
+        "silicone": asdict(run.silicone),
+        "not_modelled": list(NOT_MODELLED),
+        "versions": versions,
+    }
+
+
+def _version(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None

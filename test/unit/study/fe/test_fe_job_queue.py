@@ -1,0 +1,77 @@
+import io
+import json
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+pytest.importorskip("felupe")
+
+from mbpam_ros.study.fe.job_queue import ResultFile, ResultFileError, run_jobs  # noqa: E402
+from mbpam_ros.study.fe.progress import ProgressBar  # noqa: E402
+from mbpam_ros.study.fe.solve import LoadStepError  # noqa: E402
+
+JOBS = {name: (name, number) for number, name in enumerate("abcd")}
+
+
+def square(name, number):
+    if name == "c":
+        raise LoadStepError("stopped at 12 kPa", 12.0)
+    return {"job": name, "square": number**2}
+
+
+def results(path):
+    return ResultFile(path, {"mesh": "fine"}, "rows", lambda row: row["job"])
+
+
+def test_rows_are_kept_in_order_and_jobs_without_equilibrium_are_named(tmp_path):
+    path, said = tmp_path / "x.json", io.StringIO()
+    with ThreadPoolExecutor(2) as executor:
+        failures = run_jobs(JOBS, square, results(path), executor, ProgressBar(said), lambda row: row["job"])
+    assert failures == {"c": "stopped at 12 kPa"}
+    stored = json.loads(path.read_text())
+    assert stored["settings"] == {"mesh": "fine"}
+    assert [row["square"] for row in stored["rows"]] == [0, 1, 9]
+    assert "c: stopped at 12 kPa" in said.getvalue()
+
+
+class InterruptedBar(ProgressBar):
+    def job_ended(self, text):
+        raise KeyboardInterrupt
+
+
+def test_an_interrupt_keeps_the_finished_rows_and_takes_back_the_jobs_not_begun(tmp_path):
+    path, run = tmp_path / "x.json", []
+
+    def counted(name, number):
+        run.append(name)
+        return square(name, number)
+
+    with ThreadPoolExecutor(1) as executor:
+        with pytest.raises(KeyboardInterrupt):
+            run_jobs(JOBS, counted, results(path), executor, InterruptedBar(io.StringIO()), str)
+    kept = [row["job"] for row in json.loads(path.read_text())["rows"]]
+    assert kept and set(kept) < set(JOBS)
+    run.clear()
+    with ThreadPoolExecutor(1) as executor:
+        run_jobs(JOBS, counted, results(path), executor, ProgressBar(io.StringIO()), str)
+    assert set(run) == set(JOBS) - set(kept)
+
+
+def test_an_unforeseen_error_is_not_swallowed(tmp_path):
+    def broken(name, number):
+        raise ZeroDivisionError
+
+    with ThreadPoolExecutor(1) as executor, pytest.raises(ZeroDivisionError):
+        run_jobs(JOBS, broken, results(tmp_path / "x.json"), executor, ProgressBar(io.StringIO()), str)
+
+
+@pytest.mark.parametrize("content", ["no JSON", "[]", '{"settings": {}}', '{"settings": {}, "rows": [{}]}'])
+def test_a_file_of_something_else_is_refused(tmp_path, content):
+    (tmp_path / "x.json").write_text(content)
+    with pytest.raises(ResultFileError, match="give another file"):
+        results(tmp_path / "x.json")
+
+
+def test_a_missing_folder_is_said_before_anything_runs(tmp_path):
+    with pytest.raises(ResultFileError, match="there is no folder"):
+        results(tmp_path / "none" / "x.json")
