@@ -4,10 +4,13 @@ The plate fills n . x <= d, n pointing to the muscle. A touching node at x with 
 it that belongs to the model (1/2 on the symmetry plane) feels
 
     N = -k w g                                   along n,
-    T = -k_t w s,  s = (I - n n') (x - anchor)   while it sticks, |T| <= mu N,
-    T = -mu N t                                  while it slides in the direction t   [N].
+    T = -k_t w s,  s = e e . (x - anchor)        while it sticks, |T| <= mu N,
+    T = -mu N t                                  while it slides in the direction t = e or -e   [N].
 
-Which nodes touch, which slide, and in which direction stay the same while an equilibrium is sought, so that a node
+e lies in the plate: friction acts along it only. A muscle bending in the plane y = 0 slides along its axis; the
+friction across, which hinders the tip's skin from spreading, cancels in the sum.
+
+Which nodes touch, which slide, and which way stay the same while an equilibrium is sought, so that a node
 cannot jump to and fro during Newton's method; afterwards they are put right by what was found, until nothing changes
 (:meth:`PlateContact.revised`, t = s / |s|). The anchor is where a node would feel no friction; a sliding node drags
 it along once a load step has converged (backward Euler of Coulomb's law; Wriggers, Computational Contact Mechanics,
@@ -38,23 +41,26 @@ class Plate:
     Args:
         normal: n, a unit vector toward the muscle.
         distance_mm: d.
+        slip_direction: e, a unit vector across n.
         friction: Coulomb's coefficient mu; the paper's 0.6.
         stiffness_n_mm, slip_stiffness_n_mm: k and k_t, per node.
 
     Raises:
-        ValueError: n is no unit vector, mu negative, or a stiffness not positive.
+        ValueError: n or e is no unit vector, e not across n, mu negative, or a stiffness not positive.
     """
 
     normal: tuple[float, float, float] = (1.0, 0.0, 0.0)
     distance_mm: float = -10.0
+    slip_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
     friction: float = 0.6
     stiffness_n_mm: float = 50.0
     slip_stiffness_n_mm: float = 5.0
 
     def __post_init__(self) -> None:
         require_positive(self, "stiffness_n_mm", "slip_stiffness_n_mm")
-        if abs(np.linalg.norm(self.normal) - 1.0) > 1e-9:
-            raise ValueError(f"the plate's normal must have length 1, found {self.normal}")
+        frame = np.array([self.normal, self.slip_direction])
+        if np.abs(frame @ frame.T - np.eye(2)).max() > 1e-9:
+            raise ValueError(f"the plate's normal and slip direction must be orthonormal, found {frame.tolist()}")
         if not self.friction >= 0.0:
             raise ValueError(f"friction must not be negative, found {self.friction}")
 
@@ -65,7 +71,7 @@ class ContactMemory:
 
     Args:
         touching, sliding: whether a node touches the plate and slides on it, shape (m,).
-        direction: in which it slides, unit vectors t, shape (m, 3).
+        direction: in which it slides, t, or zero; shape (m, 3).
         anchors_mm: where it would feel no friction, shape (m, 3).
     """
 
@@ -88,7 +94,7 @@ class PlateContact:
         self.plate, self.nodes = plate, nodes
         self._stiffness, self._slip_stiffness = plate.stiffness_n_mm * shares, plate.slip_stiffness_n_mm * shares
         self._normal = np.array(plate.normal)
-        self._flat = np.eye(3) - np.outer(self._normal, self._normal)
+        self._flat = np.outer(plate.slip_direction, plate.slip_direction)
 
     @property
     def symmetric(self) -> bool:
