@@ -15,7 +15,7 @@ Not modelled: contact of the muscle with itself, viscosity.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,7 @@ class MuscleState:
         gas_volume_mm3: of all pressurised chambers.
         plate_force_n: of the muscle on the plate, x, y, z; zero without a plate. y cancels by symmetry.
         positions_mm: of the half muscle's nodes, shape (nodes, 3).
-        contact: memory of the plate's contact; None without a plate.
+        contact: memory of the plate's contact; None: there is no plate.
     """
 
     pressure_gauge_mpa: float
@@ -123,14 +123,23 @@ class WholeMuscle:
         points = self.mesh.points_mm
         return self._state(points, 0.0, 0.0, self._contact.untouched(points) if self._contact else None)
 
+    def standing(self, gravity_factor: float = 1.0) -> MuscleState:
+        """Return the equilibrium of the upright muscle under its weight alone; a plate is put beside it then.
+
+        Raises:
+            LoadStepError: the weight could not be reached.
+        """
+        rest = self.rest()
+        alone = self.moved(replace(rest, contact=None), 0.0, gravity_factor)
+        return replace(alone, contact=self._contact.untouched(alone.positions_mm) if self._contact else None)
+
     def inflated(self, pressure_gauge_mpa: float, gravity_factor: float = 1.0) -> MuscleState:
         """Return the equilibrium of the muscle that stood upright under its weight and was inflated then.
 
         Raises:
             LoadStepError: the pressure could not be reached.
         """
-        upright = self.moved(self.rest(), 0.0, gravity_factor)
-        return self.moved(upright, pressure_gauge_mpa, gravity_factor)
+        return self.moved(self.standing(gravity_factor), pressure_gauge_mpa, gravity_factor)
 
     def moved(
         self,
@@ -169,7 +178,7 @@ class WholeMuscle:
         def accept(unknowns: NDArray[np.float64], part: float) -> bool:
             nonlocal memory
             x = positions(unknowns)
-            if self._contact is not None:
+            if memory is not None:
                 revised = self._contact.revised(x, memory)
                 change = self._contact.pushes_n(x, revised) - self._contact.pushes_n(x, memory)
                 if np.abs(change).max() > _CONTACT_TOLERANCE_N:
@@ -213,7 +222,7 @@ class WholeMuscle:
         """Return the forces out of balance on all nodes of the half muscle, shape (nodes, 3)."""
         force = self._body.forces(x) - pressure_gauge_mpa * self._gas.gradient(x)
         force[:, 2] += gravity_factor * self._weights_n
-        if self._contact is not None:
+        if memory is not None:
             force[self._contact.nodes] -= self._contact.pushes_n(x, memory)
         return force
 
@@ -224,7 +233,7 @@ class WholeMuscle:
         values, rows, columns = self._gas.hessian_entries(x)
         gas = coo_matrix((pressure_gauge_mpa * values, (rows, columns)), (x.size, x.size)).tocsr()
         stiffness = self._body.tangent(x) - gas
-        if self._contact is not None:
+        if memory is not None:
             stiffness = stiffness + self._contact.tangent(x, memory)
         return stiffness
 
@@ -238,7 +247,7 @@ class WholeMuscle:
         self, x: NDArray[np.float64], pressure_gauge_mpa: float, gravity_factor: float, memory: ContactMemory | None
     ) -> MuscleState:
         push = np.zeros(3)
-        if self._contact is not None:
+        if memory is not None:
             push = -_HALVES * self._contact.pushes_n(x, memory).sum(axis=0) * (1.0, 0.0, 1.0)
         return MuscleState(
             pressure_gauge_mpa=float(pressure_gauge_mpa),

@@ -148,7 +148,7 @@ def run_case(name: str, case: Case) -> dict:
     states: list[MuscleState] = []
     failure = None
     try:
-        upright = muscle.moved(muscle.rest(), 0.0, case.gravity_factor)
+        upright = muscle.standing(case.gravity_factor)
         states.append(upright)
         muscle.moved(upright, NOMINAL_MPA, case.gravity_factor, states.append)
     except LoadStepError as error:
