@@ -33,6 +33,9 @@ from mbpam_ros.configuration import require_positive
 STICKING = 1e6
 """Coefficient of friction of a tip that is held: it cannot slide."""
 
+_TOUCH_MM = 0.01
+_TOLERANCE_N = 1e-4
+
 
 @dataclass(frozen=True)
 class Plate:
@@ -101,10 +104,11 @@ class PlateContact:
         """Whether the tangent is symmetric: without friction."""
         return self.plate.friction == 0.0
 
-    def untouched(self, x: NDArray[np.float64]) -> ContactMemory:
-        """Return the memory of a body at ``x``, shape (nodes of the body, 3), that has touched nothing yet."""
+    def beside(self, x: NDArray[np.float64]) -> ContactMemory:
+        """Return the memory of a body at ``x``, shape (nodes of the body, 3), to which the plate has just been moved:
+        nodes nearer than a hundredth of a millimetre touch it, without friction yet."""
         none = np.zeros(self.nodes.size, dtype=bool)
-        return ContactMemory(none, none, np.zeros((self.nodes.size, 3)), x[self.nodes])
+        return ContactMemory(self.gaps_mm(x) < _TOUCH_MM, none, np.zeros((self.nodes.size, 3)), x[self.nodes])
 
     def gaps_mm(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the nodes' gaps g, shape (m,)."""
@@ -130,16 +134,35 @@ class PlateContact:
         columns = np.broadcast_to(degrees[:, None, :], blocks.shape).ravel()
         return coo_matrix((blocks.ravel(), (rows, columns)), (x.size, x.size)).tocsr()
 
-    def revised(self, x: NDArray[np.float64], memory: ContactMemory) -> ContactMemory:
+    def revised(self, x: NDArray[np.float64], memory: ContactMemory, one_by_one: bool = False) -> ContactMemory:
         """Return the memory with those nodes touching that are inside the plate, and those sliding that would exceed
-        the limit of friction."""
+        the limit of friction; ``memory`` itself if that changes no node's force by more than 1e-4 N.
+
+        Args:
+            one_by_one: change the first such node only. Changing all at once is quick but can go round in circles
+                (Murty's least-index rule against that; for contact without friction it always ends).
+        """
         touching = self.gaps_mm(x) < 0.0
         slip = self._slips_mm(x, memory)
         length = np.linalg.norm(slip, axis=1)
         limit_n = -self.plate.friction * self._stiffness * self.gaps_mm(x)
-        sliding = touching & memory.touching & (self._slip_stiffness * length > limit_n)
+        turned_back = memory.sliding & (np.sum(slip * memory.direction, axis=1) < 0.0)  # sticks before it slides back
+        sliding = touching & memory.touching & ~turned_back & (self._slip_stiffness * length > limit_n)
         direction = np.where(sliding[:, None], slip / np.where(length > 0.0, length, 1.0)[:, None], 0.0)
-        return ContactMemory(touching, sliding, direction, memory.anchors_mm)
+        right = ContactMemory(touching, sliding, direction, memory.anchors_mm)
+        change = np.abs(self.pushes_n(x, right) - self.pushes_n(x, memory)).max(axis=1)
+        wrong = np.flatnonzero(change > _TOLERANCE_N)
+        if not wrong.size:
+            return memory
+        if not one_by_one:
+            return right
+        chosen = np.arange(self.nodes.size) == wrong[0]
+        return ContactMemory(
+            np.where(chosen, touching, memory.touching),
+            np.where(chosen, sliding, memory.sliding),
+            np.where(chosen[:, None], direction, memory.direction),
+            memory.anchors_mm,
+        )
 
     def settled(self, x: NDArray[np.float64], memory: ContactMemory) -> ContactMemory:
         """Return the memory after the motion to the equilibrium ``x``: a sticking node keeps its anchor, a sliding one

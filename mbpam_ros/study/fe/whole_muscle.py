@@ -34,8 +34,8 @@ from mbpam_ros.study.fe.solve import Chart, LinearSolver, LoadStepError, StepCon
 
 _HALVES = 2.0  # the model is half the muscle
 _PRESSURISED = 1  # chamber 1 of the half muscle; pdc: the other half's mirror image of it; psc: its other half
-_CONTACT_TOLERANCE_N = 1e-4  # by which a node's force may miss what its gap and its slip say
-_MUSCLE_STEPS = StepControl(residual_n=1e-5, most_iterations=10, largest_step=0.1)
+_REVISIONS_AT_ONCE = 3  # then one node after another
+_MUSCLE_STEPS = StepControl(residual_n=1e-5, most_iterations=10, largest_step=0.1, most_revisions=20)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ class WholeMuscle:
     def rest(self) -> MuscleState:
         """Return the state without pressure and weight."""
         points = self.mesh.points_mm
-        return self._state(points, 0.0, 0.0, self._contact.untouched(points) if self._contact else None)
+        return self._state(points, 0.0, 0.0, self._contact.beside(points) if self._contact else None)
 
     def standing(self, gravity_factor: float = 1.0) -> MuscleState:
         """Return the equilibrium of the upright muscle under its weight alone; a plate is put beside it then.
@@ -131,7 +131,7 @@ class WholeMuscle:
         """
         rest = self.rest()
         alone = self.moved(replace(rest, contact=None), 0.0, gravity_factor)
-        return replace(alone, contact=self._contact.untouched(alone.positions_mm) if self._contact else None)
+        return replace(alone, contact=self._contact.beside(alone.positions_mm) if self._contact else None)
 
     def inflated(self, pressure_gauge_mpa: float, gravity_factor: float = 1.0) -> MuscleState:
         """Return the equilibrium of the muscle that stood upright under its weight and was inflated then.
@@ -160,7 +160,7 @@ class WholeMuscle:
         end = np.array([pressure_gauge_mpa, gravity_factor])
         if np.array_equal(begin, end):
             return start
-        memory = start.contact
+        memory, revisions = start.contact, 0
 
         def loads(part: float) -> NDArray[np.float64]:
             return begin + part * (end - begin)
@@ -176,15 +176,14 @@ class WholeMuscle:
         )
 
         def accept(unknowns: NDArray[np.float64], part: float) -> bool:
-            nonlocal memory
+            nonlocal memory, revisions
             x = positions(unknowns)
             if memory is not None:
-                revised = self._contact.revised(x, memory)
-                change = self._contact.pushes_n(x, revised) - self._contact.pushes_n(x, memory)
-                if np.abs(change).max() > _CONTACT_TOLERANCE_N:
-                    memory = revised
+                revised = self._contact.revised(x, memory, one_by_one=revisions >= _REVISIONS_AT_ONCE)
+                if revised is not memory:
+                    memory, revisions = revised, revisions + 1
                     return False
-                memory = self._contact.settled(x, memory)
+                memory, revisions = self._contact.settled(x, memory), 0
             if report is not None:
                 report(self._state(x, *loads(part), memory))
             return True
