@@ -36,7 +36,7 @@ def test_a_mesh_study_has_the_free_and_the_blocked_muscle_with_cost_angle_and_fo
 def test_a_muscle_that_stops_says_where_and_why(monkeypatch):
     monkeypatch.setattr(whole_muscle_report, "NOMINAL_MPA", 5.0)  # fifty times the pressure of the paper
     monkeypatch.setattr(
-        whole_muscle, "_MUSCLE_STEPS", StepControl(residual_n=1e-5, first_step=0.02, smallest_step=0.015)
+        whole_muscle, "_MUSCLE_STEPS", StepControl(residual_n=1e-5, first_step=0.005, smallest_step=0.004)
     )
     row = run_case("burst", STIFF)
     assert "stopped at" in row["failure"]
