@@ -6,8 +6,9 @@ between its rim and a point P of the end plane,
 
     V_face = 1/3 int x . (x_s x x_t) ds dt,   V_cover = 1/6 int P . (x x x') ds,
 
-both cubic in the nodes: V = sum_t w_t det(x_a, x_b, x_c). The energy of the gas, -p V, gives the force p dV/dx on the
-walls, always normal to them, the gas thrust p A on the end plane, and a symmetric tangent, all without approximation.
+both cubic in the nodes: V = sum_t w_t det(x_a, x_b, x_c). A chamber closed by caps needs no cover. The energy of the
+gas, -p V, gives the force p dV/dx on the walls, always normal to them, the gas thrust p A on the end plane, and a
+symmetric tangent, all without approximation.
 """
 
 from __future__ import annotations
@@ -24,20 +25,23 @@ for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
 
 
 class ChamberVolume:
-    """Volume of one chamber between the planes z = 0 and the end plane.
+    """Volume of one chamber: closed by its faces and the symmetry plane, or open at an end plane and covered there.
 
     Args:
-        faces: wall faces, shape (n, 4 or 8), normals out of the gas.
-        rim: edges around the opening at the end plane, shape (m, 2 or 3), counter-clockwise.
-        cover_node: number of the node P, on the end plane and in the symmetry plane.
+        faces: of walls and caps, shape (n, 4 or 8), normals out of the gas.
+        rim: edges around the opening at the end plane, shape (m, 2 or 3), counter-clockwise; None if closed.
+        cover_node: number of the node P, on the end plane and in the symmetry plane; with ``rim``.
     """
 
-    def __init__(self, faces: NDArray[np.int64], rim: NDArray[np.int64], cover_node: int) -> None:
-        wall_nodes, wall_weights = _triples(faces, _face_tensor(faces.shape[1]))
-        edges, edge_weights = _pairs(rim)
-        cover = np.concatenate([np.full((len(edges), 1), cover_node), edges], axis=1)
-        self._nodes = np.concatenate([wall_nodes, cover])  # (triples, 3)
-        self._weights = np.concatenate([wall_weights, edge_weights])
+    def __init__(
+        self, faces: NDArray[np.int64], rim: NDArray[np.int64] | None = None, cover_node: int | None = None
+    ) -> None:
+        self._nodes, self._weights = _triples(faces, _face_tensor(faces.shape[1]))  # (triples, 3), (triples,)
+        if rim is not None:
+            edges, edge_weights = _pairs(rim)
+            cover = np.concatenate([np.full((len(edges), 1), cover_node), edges], axis=1)
+            self._nodes = np.concatenate([self._nodes, cover])
+            self._weights = np.concatenate([self._weights, edge_weights])
 
     def value(self, x: NDArray[np.float64]) -> float:
         """Return V for node positions ``x``, shape (nodes, 3)."""

@@ -1,5 +1,7 @@
 """Structured hexahedral mesh of the muscle's unit cell: half a wave (or more), half or all of the cross-section.
 
+Its octant blocks also make the whole muscle (:mod:`~mbpam_ros.study.fe.muscle_mesh`).
+
 Muscle frame in millimetres: z along the muscle from a crest at z = 0. The outer radius is a cosine wave whose crests
 keep the muscle's radius R, the wall has the radial thickness c, the chambers are sharp-cornered sectors between the
 arms of a cross of thickness b:
@@ -157,25 +159,35 @@ def unit_cell_mesh(geometry: CellGeometry, resolution: Resolution, section: str,
     length = 0.5 * half_waves * geometry.wave_length_mm
     order = 2 if resolution.quadratic else 1
     z = np.linspace(0.0, length, resolution.wave // 2 * half_waves * order + 1)
-    blocks, patches = _octant(geometry, resolution, order, z)
-    solids: list[NDArray[np.float64]] = []
-    walls: list[tuple[int, NDArray[np.float64]]] = []
-    octants = SECTIONS[section]
-    for octant in octants:
-        solids += [_placed(block, octant, octants[0]) for block in blocks]
-        walls += [(octant // 2 + 1, _placed(patch, octant, octants[0])) for patch in patches]
-    return _merged(solids, walls, order, length)
+    blocks, patches = octant_blocks(geometry, resolution, z, geometry.outer_radius_at(z))
+    nodes = numbered_section(blocks, patches, section, order)
+    rims: dict[int, list[NDArray[np.int64]]] = {}
+    for chamber, ids in nodes.walls:
+        rim = ids[:, -1]
+        ends = [rim[:-1:order], rim[order::order]] + ([rim[1::order]] if order == 2 else [])
+        rims.setdefault(chamber, []).append(np.stack(ends, axis=1))
+    return CellMesh(
+        points_mm=nodes.points_mm,
+        cells=np.concatenate(nodes.cells),
+        faces=nodes.faces(),
+        rims={chamber: np.concatenate(parts) for chamber, parts in rims.items()},
+        length_mm=length,
+    )
 
 
-def _octant(
-    geometry: CellGeometry, resolution: Resolution, order: int, z: NDArray[np.float64]
+def octant_blocks(
+    geometry: CellGeometry, resolution: Resolution, z: NDArray[np.float64], outer: NDArray[np.float64]
 ) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
-    """Blocks (i, j, k, 3) of the solid and patches (s, k, 3) of the chamber's boundary in 0 to 45 deg.
+    """Return blocks (i, j, k, 3) of the solid and patches (s, k, 3) of the chamber's boundary in 0 to 45 deg.
 
-    Every block's (i, j, k) is right-handed; every patch runs counter-clockwise around the gas.
+    The blocks are three in the core, the arm and the wall; the patches are the arm's side and the wall's. Every
+    block's (i, j, k) is right-handed; every patch runs counter-clockwise around the gas.
+
+    Args:
+        z, outer: node planes and the outer radius on each [mm], shape (planes,).
     """
+    order = 2 if resolution.quadratic else 1
     half = 0.5 * geometry.b_mm
-    outer = geometry.outer_radius_at(z)
     inner = outer - geometry.c_mm
     arm, wall, spoke, sector = (
         order * n for n in (resolution.arm, resolution.wall, resolution.spoke, resolution.sector)
@@ -186,30 +198,37 @@ def _octant(
     blocks = []
     for index in range(3):  # a triangle cut into three quadrilaterals
         here, after, before = corners[index], corners[(index + 1) % 3], corners[index - 1]
-        flat = _bilinear(here, 0.5 * (here + after), middle, 0.5 * (here + before), arm // 2)
-        blocks.append(_extruded(np.broadcast_to(flat[:, :, None, :], (*flat.shape[:2], z.size, 2)), z))
+        flat = bilinear(here, 0.5 * (here + after), middle, 0.5 * (here + before), (arm // 2, arm // 2))
+        blocks.append(extruded(np.broadcast_to(flat[:, :, None, :], (*flat.shape[:2], z.size, 2)), z))
 
     y = np.linspace(0.0, half, arm + 1)
     arm_angle = np.arcsin(y[:, None] / inner)  # (j, k)
     along = np.linspace(0.0, 1.0, spoke + 1)[:, None, None]
     x = (1.0 - along) * half + along * inner * np.cos(arm_angle)
-    blocks.append(_extruded(np.stack([x, np.broadcast_to(y[:, None], x.shape)], axis=-1), z))
+    blocks.append(extruded(np.stack([x, np.broadcast_to(y[:, None], x.shape)], axis=-1), z))
 
     around = np.linspace(0.0, 1.0, sector + 1)[1:, None]
     angle = np.concatenate([arm_angle, (1.0 - around) * arm_angle[-1] + around * 0.25 * np.pi])
     radius = inner + np.linspace(0.0, 1.0, wall + 1)[:, None, None] * (outer - inner)
-    blocks.append(_extruded(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), z))
+    blocks.append(extruded(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), z))
     return blocks, [blocks[3][:, -1], blocks[4][0, arm:]]
 
 
-def _bilinear(p00: NDArray, p10: NDArray, p11: NDArray, p01: NDArray, count: int) -> NDArray[np.float64]:
-    s = np.linspace(0.0, 1.0, count + 1)[:, None, None]
-    t = np.linspace(0.0, 1.0, count + 1)[None, :, None]
+def bilinear(
+    p00: NDArray[np.float64],
+    p10: NDArray[np.float64],
+    p11: NDArray[np.float64],
+    p01: NDArray[np.float64],
+    counts: tuple[int, int],
+) -> NDArray[np.float64]:
+    """Return points of the quadrilateral, shape (counts[0] + 1, counts[1] + 1, 2)."""
+    s = np.linspace(0.0, 1.0, counts[0] + 1)[:, None, None]
+    t = np.linspace(0.0, 1.0, counts[1] + 1)[None, :, None]
     return (1 - s) * (1 - t) * p00 + s * (1 - t) * p10 + s * t * p11 + (1 - s) * t * p01
 
 
-def _extruded(section: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Append z to a section (i, j, k, 2)."""
+def extruded(section: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a section (i, j, k, 2) with z appended."""
     return np.concatenate([section, np.broadcast_to(z[:, None], (*section.shape[:-1], 1))], axis=-1)
 
 
@@ -225,39 +244,60 @@ def _placed(points: NDArray[np.float64], octant: int, first: int) -> NDArray[np.
     return turned
 
 
-def _merged(
-    solids: list[NDArray[np.float64]], walls: list[tuple[int, NDArray[np.float64]]], order: int, length: float
-) -> CellMesh:
-    """Number coinciding points once, cut the blocks into elements and drop the nodes no element has."""
+@dataclass(frozen=True, eq=False)
+class NumberedBlocks:
+    """Blocks and patches of half the muscle, coinciding points numbered once.
+
+    Args:
+        points_mm: shape (nodes, 3).
+        cells: of each block, in the order given.
+        walls: of each patch the chamber and the node numbers, shape (s, t).
+        order: 1 or 2, of the elements.
+    """
+
+    points_mm: NDArray[np.float64]
+    cells: list[NDArray[np.int64]]
+    walls: list[tuple[int, NDArray[np.int64]]]
+    order: int
+
+    def faces(self) -> dict[int, NDArray[np.int64]]:
+        """Return the faces of every chamber, shape (faces, 4 or 8)."""
+        offsets = _FACE_CORNERS + (_FACE_MIDDLES if self.order == 2 else [])
+        faces: dict[int, list[NDArray[np.int64]]] = {}
+        for chamber, ids in self.walls:
+            faces.setdefault(chamber, []).append(_elements(ids, offsets, self.order))
+        return {chamber: np.concatenate(parts) for chamber, parts in faces.items()}
+
+
+def numbered_section(
+    blocks: list[NDArray[np.float64]], patches: list[NDArray[np.float64]], section: str, order: int
+) -> NumberedBlocks:
+    """Return the octant's blocks and patches placed in all octants of a section (``SECTIONS``), and numbered.
+
+    Nodes no element has are dropped.
+    """
+    octants = SECTIONS[section]
+    solids = [_placed(block, octant, octants[0]) for octant in octants for block in blocks]
+    walls = [(octant // 2 + 1, _placed(patch, octant, octants[0])) for octant in octants for patch in patches]
     arrays = [*solids, *(patch for _, patch in walls)]
     points = np.concatenate([array.reshape(-1, 3) for array in arrays])
-    _, first, number = np.unique(
+    _, kept, number = np.unique(
         np.round(points / _SAME_POINT_MM).astype(np.int64), axis=0, return_index=True, return_inverse=True
     )
     numbers = np.split(number.ravel(), np.cumsum([array[..., 0].size for array in arrays])[:-1])
     numbers = [ids.reshape(array.shape[:-1]) for ids, array in zip(numbers, arrays, strict=True)]
     offsets = _CORNERS + (_CELL_MIDDLES if order == 2 else [])
-    cells = np.concatenate([_elements(ids, offsets, order) for ids in numbers[: len(solids)]])
-    used, renumbered = np.unique(cells, return_inverse=True)
-    new_number = np.full(first.size, -1)
+    cells = [_elements(ids, offsets, order) for ids in numbers[: len(solids)]]
+    used = np.unique(np.concatenate(cells))
+    new_number = np.full(kept.size, -1)
     new_number[used] = np.arange(used.size)
-
-    face_offsets = _FACE_CORNERS + (_FACE_MIDDLES if order == 2 else [])
-    faces: dict[int, list[NDArray[np.int64]]] = {}
-    rims: dict[int, list[NDArray[np.int64]]] = {}
-    for (chamber, _), ids in zip(walls, numbers[len(solids) :], strict=True):
-        faces.setdefault(chamber, []).append(new_number[_elements(ids, face_offsets, order)])
-        rim = ids[:, -1]
-        ends = [rim[:-1:order], rim[order::order]] + ([rim[1::order]] if order == 2 else [])
-        rims.setdefault(chamber, []).append(new_number[np.stack(ends, axis=1)])
-    kept = points[first[used]]
-    kept[np.abs(kept) < _SAME_POINT_MM] = 0.0
-    return CellMesh(
-        points_mm=kept,
-        cells=renumbered.reshape(cells.shape),
-        faces={chamber: np.concatenate(parts) for chamber, parts in faces.items()},
-        rims={chamber: np.concatenate(parts) for chamber, parts in rims.items()},
-        length_mm=length,
+    positions = points[kept[used]]
+    positions[np.abs(positions) < _SAME_POINT_MM] = 0.0
+    return NumberedBlocks(
+        points_mm=positions,
+        cells=[new_number[part] for part in cells],
+        walls=[(chamber, new_number[ids]) for (chamber, _), ids in zip(walls, numbers[len(solids) :], strict=True)],
+        order=order,
     )
 
 

@@ -14,6 +14,8 @@ from scipy.sparse.linalg import splu
 LinearSolver = Callable[[csr_matrix, NDArray[np.float64]], NDArray[np.float64]]
 Residual = Callable[[NDArray[np.float64], float], NDArray[np.float64]]
 Tangent = Callable[[NDArray[np.float64], float], csr_matrix]
+Accept = Callable[[NDArray[np.float64], float], bool]
+Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 SOLVERS = ("pardiso", "superlu")
 
@@ -29,8 +31,11 @@ class LoadStepError(RuntimeError):
         return self.args[0]
 
 
-def linear_solver(name: str | None = None) -> LinearSolver:
-    """Return a solver for symmetric matrices: ``pardiso`` or ``superlu``; by default Pardiso if pypardiso is there.
+def linear_solver(name: str | None = None, symmetric: bool = True) -> LinearSolver:
+    """Return a sparse solver: ``pardiso`` or ``superlu``; by default Pardiso if pypardiso is there.
+
+    Args:
+        symmetric: the matrices are symmetric; friction's are not, but have a symmetric pattern.
 
     Raises:
         ValueError: unknown name.
@@ -44,12 +49,15 @@ def linear_solver(name: str | None = None) -> LinearSolver:
         return _superlu
     import pypardiso  # optional
 
+    if not symmetric:
+        general = pypardiso.PyPardisoSolver(mtype=11)
+        return lambda matrix, right: general.solve(matrix.sorted_indices(), right)
     solver = pypardiso.PyPardisoSolver(mtype=-2)  # symmetric, indefinite: it wants the upper triangle
     return lambda matrix, right: solver.solve(triu(matrix, format="csr").sorted_indices(), right)
 
 
 def _superlu(matrix: csr_matrix, right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pivots mostly on the diagonal: four times as fast for the symmetric tangents as SuperLU's general mode."""
+    """Pivots mostly on the diagonal: four times as fast for symmetric patterns as SuperLU's general mode."""
     try:
         factors = splu(
             matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options={"SymmetricMode": True}
@@ -66,6 +74,7 @@ class StepControl:
     Args:
         residual_n: largest force out of balance that counts as equilibrium [N].
         most_iterations: of Newton's method; then the step is halved.
+        most_revisions: of a problem that says it has changed (contact); then the step is halved.
         first_step, largest_step, smallest_step: of the load parameter, which runs from 0 to 1.
     """
 
@@ -74,6 +83,38 @@ class StepControl:
     first_step: float = 0.1
     largest_step: float = 0.25
     smallest_step: float = 1e-4
+    most_revisions: int = 8
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Coordinates along whose straight lines the steps are taken, where those of the unknowns are a bad guess.
+
+    Args:
+        coordinates: of the unknowns.
+        unknowns: of the coordinates; undoes ``coordinates``.
+    """
+
+    coordinates: Map
+    unknowns: Map
+
+    def extrapolated(self, before: NDArray[np.float64], here: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
+        """Return the unknowns ``ratio`` times the way from ``before`` to ``here`` beyond ``here``."""
+        origin = self.coordinates(here)
+        return self.unknowns(origin + ratio * (origin - self.coordinates(before)))
+
+    def moved(self, here: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the unknowns after a step that begins in the direction ``step`` and is as long."""
+        longest = float(np.abs(step).max(initial=0.0))
+        if not 0.0 < longest < _LONGEST_STEP:  # nothing to do; or nonsense, which Newton's method will notice
+            return here + step
+        small = _DIFFERENCE / longest
+        rate = (self.coordinates(here + small * step) - self.coordinates(here - small * step)) / (2.0 * small)
+        return self.unknowns(self.coordinates(here) + rate)
+
+
+_LONGEST_STEP = 1e6
+_DIFFERENCE = 1e-3  # of the unknowns; the error of the rate is its square, times the coordinates' third derivative
 
 
 class _NoEquilibriumError(RuntimeError):
@@ -86,6 +127,8 @@ def follow_load(
     start: NDArray[np.float64],
     solve: LinearSolver,
     control: StepControl | None = None,
+    accept: Accept | None = None,
+    chart: Chart | None = None,
 ) -> NDArray[np.float64]:
     """Return the unknowns at load parameter 1, following equilibria from ``start`` at 0.
 
@@ -94,6 +137,9 @@ def follow_load(
 
     Args:
         residual, tangent: forces out of balance and their derivative, of (unknowns, load parameter).
+        accept: told every equilibrium before the next step. False: the problem is another one now (a node has touched
+            something), find the equilibrium again.
+        chart: see :class:`Chart`; by default the unknowns are their own coordinates.
 
     Raises:
         LoadStepError: the smallest step found no equilibrium: a limit point, or an element turned inside out.
@@ -105,9 +151,19 @@ def follow_load(
         wanted = min(load + step, 1.0)
         guess = unknowns
         if before is not None:
-            guess = unknowns + (wanted - load) / (load - before[0]) * (unknowns - before[1])
+            ratio = (wanted - load) / (load - before[0])
+            guess = (
+                chart.extrapolated(before[1], unknowns, ratio) if chart else unknowns + ratio * (unknowns - before[1])
+            )
         try:
-            found, iterations = _newton(residual, tangent, guess, wanted, solve, control)
+            found, iterations = _newton(residual, tangent, guess, wanted, solve, control, chart)
+            for _ in range(control.most_revisions):
+                if accept is None or accept(found, wanted):
+                    break
+                found, more = _newton(residual, tangent, found, wanted, solve, control, chart)
+                iterations = max(iterations, more)
+            else:
+                raise _NoEquilibriumError("the contact does not settle")
         except _NoEquilibriumError as error:
             step *= 0.5
             if step < control.smallest_step:
@@ -126,6 +182,7 @@ def _newton(
     load: float,
     solve: LinearSolver,
     control: StepControl,
+    chart: Chart | None,
 ) -> tuple[NDArray[np.float64], int]:
     unknowns = guess
     for iteration in range(control.most_iterations):
@@ -138,5 +195,5 @@ def _newton(
             step = solve(tangent(unknowns, load), -force)
         if not np.all(np.isfinite(step)):
             raise _NoEquilibriumError("the tangent is singular")
-        unknowns = unknowns + step
+        unknowns = chart.moved(unknowns, step) if chart else unknowns + step
     raise _NoEquilibriumError(f"{np.abs(force).max():.1e} N out of balance after {control.most_iterations} iterations")

@@ -29,14 +29,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 
 from mbpam_ros.study.fe.chamber_volume import ChamberVolume
-from mbpam_ros.study.fe.material import Silicone, YeohMaterial
-from mbpam_ros.study.fe.mesh import CellGeometry, CellMesh, Resolution, unit_cell_mesh
+from mbpam_ros.study.fe.material import Silicone
+from mbpam_ros.study.fe.mesh import CellGeometry, Resolution, unit_cell_mesh
+from mbpam_ros.study.fe.solid_body import SolidBody
 from mbpam_ros.study.fe.solve import LinearSolver, LoadStepError, StepControl, follow_load, linear_solver
-
-try:
-    import felupe
-except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("the finite elements need FElupe: pip install '.[fem]'", name="felupe") from error
 
 _COPIES = {"pdc": 2.0, "psc": 2.0, "full": 1.0}  # of the model in the whole section
 
@@ -101,7 +97,7 @@ class UnitCell:
         self.mesh = unit_cell_mesh(geometry, self.resolution, pattern, half_waves)
         self._solve = solve or linear_solver()
         self._control = control or StepControl()
-        self._body = _SolidBody(self.mesh, self.silicone, self.resolution.quadratic)
+        self._body = SolidBody(self.mesh.points_mm, self.mesh.cells, self.silicone)
         self._shares = {1: 1.0} if shares is None else {chamber: share for chamber, share in shares.items() if share}
         foreign = set(self._shares) - set(self.mesh.faces)
         if foreign:
@@ -352,55 +348,3 @@ class UnitCell:
             gas_volume_mm3=self.gas_volume_mm3(unknowns),
             unknowns=unknowns,
         )
-
-
-class _SolidBody:
-    """FElupe's solid as energy, forces and tangent of nodal positions."""
-
-    def __init__(self, mesh: CellMesh, silicone: Silicone, quadratic: bool) -> None:
-        self._points = mesh.points_mm
-        self._bulk = silicone.bulk_mpa
-        kind = "hexahedron20" if quadratic else "hexahedron"
-        felupe_mesh = felupe.Mesh(mesh.points_mm, mesh.cells, kind)
-        if quadratic:
-            region = felupe.RegionQuadraticHexahedron(felupe_mesh, quadrature=felupe.GaussLegendre(order=1, dim=3))
-        else:
-            region = felupe.RegionHexahedron(felupe_mesh)
-        self._region = region
-        self._field = felupe.FieldContainer([felupe.Field(region, dim=3)])
-        self._material = YeohMaterial(silicone, with_volume=quadratic)
-        self._mean_dilatation = not quadratic
-        self._new = True
-        if quadratic:
-            self._solid = felupe.SolidBody(self._material, self._field)
-        else:
-            self._solid = felupe.SolidBodyNearlyIncompressible(self._material, self._field, bulk=silicone.bulk_mpa)
-
-    def energy(self, x: NDArray[np.float64]) -> float:
-        self._move(x)
-        deformation, volume = self._field.extract()[0], self._region.dV
-        energy = float(np.sum(self._material.energy(deformation) * volume))
-        if self._mean_dilatation:
-            jacobian = np.linalg.det(np.moveaxis(deformation, (0, 1), (-2, -1)))
-            rest = volume.sum(axis=0)
-            energy += float(np.sum(0.5 * self._bulk * ((jacobian * volume).sum(axis=0) / rest - 1.0) ** 2 * rest))
-        return energy
-
-    def forces(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        self._move(x)
-        return self._solid.assemble.vector(self._field).toarray().reshape(-1, 3)
-
-    def tangent(self, x: NDArray[np.float64]) -> csr_matrix:
-        self._move(x)
-        return csr_matrix(self._solid.assemble.matrix(self._field))
-
-    def _move(self, x: NDArray[np.float64]) -> None:
-        """Set the displacements. FElupe's mean dilatation is linear from its last state; told the same displacements
-        twice it is that of the displacements themselves, whatever came before."""
-        displacement = x - self._points
-        if np.array_equal(self._field[0].values, displacement) and not self._new:
-            return
-        self._new = False
-        self._field[0].values[:] = displacement
-        if self._mean_dilatation:
-            self._solid._extract(self._field)

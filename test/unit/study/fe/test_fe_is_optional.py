@@ -23,6 +23,6 @@ def test_nothing_outside_the_finite_elements_needs_them():
         assert not wanted, path
 
 
-def test_only_the_unit_cell_talks_to_felupe():
+def test_only_the_solid_body_talks_to_felupe():
     users = {path.name for path in FE.glob("*.py") if any(name == "felupe" for name in imports_of(path))}
-    assert users == {"unit_cell.py"}
+    assert users == {"solid_body.py"}

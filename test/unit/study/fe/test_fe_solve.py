@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import csr_matrix
 
 from mbpam_ros.study.fe import solve
-from mbpam_ros.study.fe.solve import LoadStepError, StepControl, follow_load, linear_solver
+from mbpam_ros.study.fe.solve import Chart, LoadStepError, StepControl, follow_load, linear_solver
 
 SUPERLU = linear_solver("superlu")
 
@@ -58,3 +58,66 @@ def test_without_pypardiso_scipys_solver_takes_over(monkeypatch):
 def test_an_unknown_solver_is_refused():
     with pytest.raises(ValueError, match="pardiso, superlu"):
         linear_solver("magic")
+
+
+def test_a_state_that_changes_the_problem_is_found_again():
+    """A spring that is twice as stiff from the first time it is stretched by more than one half."""
+    stiffness = [1.0]
+
+    def accept(q, load):
+        if q[0] > 0.5 and stiffness[0] == 1.0:
+            stiffness[0] = 2.0
+            return False
+        return True
+
+    found = follow_load(
+        lambda q, load: stiffness[0] * q - load,
+        lambda q, load: csr_matrix([[stiffness[0]]]),
+        np.zeros(1),
+        SUPERLU,
+        accept=accept,
+    )
+    assert found == pytest.approx([0.5])
+
+
+def test_a_problem_that_never_settles_is_an_error():
+    with pytest.raises(LoadStepError, match="does not settle"):
+        follow_load(
+            lambda q, load: q - load, lambda q, load: csr_matrix([[1.0]]), np.zeros(1), SUPERLU, accept=lambda *_: False
+        )
+
+
+def test_a_turn_in_polar_coordinates_is_followed_in_one_step_and_to_the_same_place():
+    """A point on a stiff radius is turned by a torsion spring: straight lines stretch the radius on the way."""
+    stiff = 1e6
+
+    def polar(q):
+        return np.array([np.hypot(*q), np.arctan2(q[1], q[0])])
+
+    def place(rho):
+        return rho[0] * np.array([np.cos(rho[1]), np.sin(rho[1])])
+
+    def residual(q, load):
+        radius, angle = polar(q)
+        across = np.array([-q[1], q[0]]) / radius
+        return stiff * (radius - 1.0) * q / radius + (angle - 2.0 * load) * across / radius
+
+    def tangent(q, load):
+        columns = [(residual(q + d, load) - residual(q - d, load)) / 2e-6 for d in 1e-6 * np.eye(2)]
+        return csr_matrix(np.array(columns).T)
+
+    control = StepControl(first_step=1.0, smallest_step=0.6, most_iterations=4)
+    start = np.array([1.0, 0.0])
+    with pytest.raises(LoadStepError):
+        follow_load(residual, tangent, start, SUPERLU, control)
+    found = follow_load(residual, tangent, start, SUPERLU, control, chart=Chart(polar, place))
+    assert found == pytest.approx([np.cos(2.0), np.sin(2.0)], abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["superlu", "pardiso"])
+def test_unsymmetric_tangents_are_solved(name):
+    if name == "pardiso":
+        pytest.importorskip("pypardiso")
+    matrix = csr_matrix([[2.0, 1.0, 0.0], [-0.5, 3.0, 0.2], [0.0, 0.7, 1.0]])
+    right = np.array([3.0, 4.0, -1.0])
+    assert matrix @ linear_solver(name, symmetric=False)(matrix, right) == pytest.approx(right)

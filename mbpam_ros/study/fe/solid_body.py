@@ -1,0 +1,88 @@
+"""The silicone as energy, forces and tangent of nodal positions, by FElupe. Lengths in mm, forces in N.
+
+The number of nodes of a cell says its kind: 8, trilinear hexahedra with mean dilatation; 20, quadratic serendipity
+hexahedra with reduced integration.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from mbpam_ros.study.fe.material import Silicone, YeohMaterial
+
+try:
+    import felupe
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError("the finite elements need FElupe: pip install '.[fem]'", name="felupe") from error
+
+
+class SolidBody:
+    """A body of silicone.
+
+    Args:
+        points_mm: nodes at rest, shape (nodes, 3).
+        cells: node numbers, shape (cells, 8 or 20), VTK order.
+        silicone: the material's constants.
+    """
+
+    def __init__(self, points_mm: NDArray[np.float64], cells: NDArray[np.int64], silicone: Silicone) -> None:
+        self._points, self._cells = points_mm, cells
+        self._bulk = silicone.bulk_mpa
+        quadratic = cells.shape[1] == 20
+        felupe_mesh = felupe.Mesh(points_mm, cells, "hexahedron20" if quadratic else "hexahedron")
+        if quadratic:
+            region = felupe.RegionQuadraticHexahedron(felupe_mesh, quadrature=felupe.GaussLegendre(order=1, dim=3))
+        else:
+            region = felupe.RegionHexahedron(felupe_mesh)
+        self._region = region
+        self._field = felupe.FieldContainer([felupe.Field(region, dim=3)])
+        self._material = YeohMaterial(silicone, with_volume=quadratic)
+        self._mean_dilatation = not quadratic
+        self._new = True
+        if quadratic:
+            self._solid = felupe.SolidBody(self._material, self._field)
+        else:
+            self._solid = felupe.SolidBodyNearlyIncompressible(self._material, self._field, bulk=silicone.bulk_mpa)
+
+    def energy(self, x: NDArray[np.float64]) -> float:
+        """Return the elastic energy [N mm] with the nodes at ``x``, shape (nodes, 3)."""
+        self._move(x)
+        deformation, volume = self._field.extract()[0], self._region.dV
+        energy = float(np.sum(self._material.energy(deformation) * volume))
+        if self._mean_dilatation:
+            jacobian = np.linalg.det(np.moveaxis(deformation, (0, 1), (-2, -1)))
+            rest = volume.sum(axis=0)
+            energy += float(np.sum(0.5 * self._bulk * ((jacobian * volume).sum(axis=0) / rest - 1.0) ** 2 * rest))
+        return energy
+
+    def forces(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return d energy / dx [N], shape (nodes, 3)."""
+        self._move(x)
+        return self._solid.assemble.vector(self._field).toarray().reshape(-1, 3)
+
+    def tangent(self, x: NDArray[np.float64]) -> csr_matrix:
+        """Return d2 energy / dx2 [N/mm] over 3 node + component."""
+        self._move(x)
+        return csr_matrix(self._solid.assemble.matrix(self._field))
+
+    def nodal_volumes_mm3(self, cell_factors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return each node's share of the volume at rest, sum over cells of factor int N dV, shape (nodes,)."""
+        shares = np.einsum("aqc,qc,c->ca", np.broadcast_to(self._region.h, self._shape), self._region.dV, cell_factors)
+        return np.bincount(self._cells.ravel(), shares.ravel(), minlength=len(self._points))
+
+    @property
+    def _shape(self) -> tuple[int, int, int]:
+        return self._cells.shape[1], *self._region.dV.shape
+
+    def _move(self, x: NDArray[np.float64]) -> None:
+        """Set the displacements. FElupe's mean dilatation is linear from its last state; told the same displacements
+        twice it is that of the displacements themselves, whatever came before."""
+        displacement = x - self._points
+        if np.array_equal(self._field[0].values, displacement) and not self._new:
+            return
+        self._new = False
+        self._field[0].values[:] = displacement
+        if self._mean_dilatation:
+            self._solid._extract(self._field)

@@ -1,0 +1,298 @@
+"""Command ``python -m mbpam_ros.study.fe.whole_muscle_report``: what the whole muscle does at 100 kPa.
+
+    whole_muscle_report --json FILE                       every study
+    whole_muscle_report --json FILE --study plate         one of them: unit_cell, ends, plate, mesh
+    whole_muscle_report --json FILE --pictures DIR        and pictures of the deformed muscles, with matplotlib
+
+``unit_cell`` sets the weightless muscle beside as many unit cells; ``ends`` compares end pieces under gravity;
+``plate`` blocks the tip by a plate, with and without friction, and for three thicknesses b of the cross; ``mesh``
+refines the elements. A muscle takes minutes. FILE is kept up to date, and muscles that it holds are not run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
+from mbpam_ros.study.fe.muscle_mesh import EndPieces
+from mbpam_ros.study.fe.plate_contact import STICKING, Plate
+from mbpam_ros.study.fe.result_file import library_versions, write_json
+from mbpam_ros.study.fe.solve import LoadStepError
+from mbpam_ros.study.fe.unit_cell import UnitCell
+from mbpam_ros.study.fe.whole_muscle import MuscleState, WholeMuscle
+
+NOMINAL_MPA = 0.1
+PAPER_FRICTION = 0.6
+
+MEDIUM = Resolution(wave=8, wall=1, arm=2, spoke=2, sector=2)
+"""Mesh of the comparisons: its bend is 2 % from that of the default mesh, at half the cost."""
+
+MESHES = {
+    "coarse": Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2),
+    "medium": MEDIUM,
+    "default": Resolution(),
+    "quadratic": Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2, quadratic=True),
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One muscle to run.
+
+    Args:
+        friction: of the plate; None: the tip is free.
+        gravity_factor: 1 with the muscle's weight, 0 without.
+    """
+
+    geometry: CellGeometry = field(default_factory=CellGeometry)
+    pattern: str = "pdc"
+    resolution: Resolution = MEDIUM
+    ends: EndPieces = field(default_factory=EndPieces)
+    friction: float | None = None
+    gravity_factor: float = 1.0
+
+    def muscle(self) -> WholeMuscle:
+        """Return the model of this case."""
+        plate = None
+        if self.friction is not None:
+            plate = Plate(distance_mm=-self.geometry.outer_radius_mm, friction=self.friction)
+        return WholeMuscle(self.geometry, self.pattern, self.resolution, ends=self.ends, plate=plate)
+
+
+def unit_cell_cases() -> dict[str, Case]:
+    """Weightless muscles, whose waves bend as unit cells do but near the ends."""
+    return {
+        "short ends, no weight": Case(ends=EndPieces(3.0, 3.0), gravity_factor=0.0),
+        "hollow ends, no weight": Case(ends=EndPieces(15.0, 3.0), gravity_factor=0.0),
+    }
+
+
+def end_cases() -> dict[str, Case]:
+    """Muscles in the paper's posture with different end pieces."""
+    return {
+        "solid ends": Case(),
+        "weightless ends": Case(ends=EndPieces(density_factor=0.0)),
+        "hollow ends": Case(ends=EndPieces(cap_mm=3.0)),
+        "solid ends, psc": Case(pattern="psc"),
+    }
+
+
+def plate_cases() -> dict[str, Case]:
+    """Muscles whose tip end stands at a plate."""
+    paper = Case(friction=PAPER_FRICTION)
+    return {
+        "blocked": paper,
+        "blocked, b = 1": replace(paper, geometry=CellGeometry(b_mm=1.0)),
+        "blocked, b = 3": replace(paper, geometry=CellGeometry(b_mm=3.0)),
+        "blocked, psc": replace(paper, pattern="psc"),
+        "blocked, no friction": replace(paper, friction=0.0),
+        "blocked, held": replace(paper, friction=STICKING),
+    }
+
+
+def mesh_cases(meshes: dict[str, Resolution] | None = None, template: Case | None = None) -> dict[str, Case]:
+    """The free and the blocked muscle on each mesh."""
+    template = template or Case()
+    cases = {}
+    for name, resolution in (meshes or MESHES).items():
+        cases[f"{name} mesh"] = replace(template, resolution=resolution)
+        cases[f"{name} mesh, blocked"] = replace(template, resolution=resolution, friction=PAPER_FRICTION)
+    return cases
+
+
+STUDIES: dict[str, Callable[[], dict[str, Case]]] = {
+    "plate": plate_cases,
+    "ends": end_cases,
+    "unit_cell": unit_cell_cases,
+    "mesh": mesh_cases,
+}
+
+
+def mesh_study(
+    meshes: dict[str, Resolution] | None = None,
+    template: Case | None = None,
+    report: Callable[[str], None] = lambda text: None,
+) -> list[dict]:
+    """Return one row for the free and one for the blocked muscle on each mesh: angle, force, unknowns and seconds.
+
+    Args:
+        meshes: by name; default :data:`MESHES`.
+        template: all but the mesh and the plate.
+        report: told one line per finished muscle.
+    """
+    rows = []
+    for name, case in mesh_cases(meshes, template).items():
+        rows.append(run_case(name, case))
+        report(row_text(rows[-1]))
+    return rows
+
+
+def run_case(name: str, case: Case) -> dict:
+    """Return what one muscle does on the way to 100 kPa, and its shape there.
+
+    ``theta_deg`` is the tip's angle, ``force_n`` the normal force on the plate and ``drag_n`` the one along the muscle;
+    ``cut_mm`` the deformed cut y = 0 as quadrilaterals (x, z). A muscle that stops earlier has the reason under
+    ``failure`` and the values of its last equilibrium.
+    """
+    began_s = time.process_time()
+    muscle = case.muscle()
+    states: list[MuscleState] = []
+    failure = None
+    try:
+        upright = muscle.standing(case.gravity_factor)
+        states.append(upright)
+        muscle.moved(upright, NOMINAL_MPA, case.gravity_factor, states.append)
+    except LoadStepError as error:
+        failure = str(error)
+    last = states[-1] if states else muscle.rest()
+    return {
+        "name": name,
+        "case": asdict(case),
+        "unknowns": muscle.unknown_count,
+        "cells": len(muscle.mesh.cells),
+        "cpu_s": round(time.process_time() - began_s, 1),
+        "weight_n": muscle.weight_n,
+        "p_kpa": 1e3 * last.pressure_gauge_mpa,
+        "theta_deg": math.degrees(last.tip_angle_rad),
+        "force_n": -float(last.plate_force_n[0]),
+        "drag_n": float(last.plate_force_n[2]),
+        "gas_volume_mm3": last.gas_volume_mm3,
+        "failure": failure,
+        "curve": {
+            "p_kpa": [1e3 * state.pressure_gauge_mpa for state in states],
+            "theta_deg": [math.degrees(state.tip_angle_rad) for state in states],
+            "force_n": [-float(state.plate_force_n[0]) for state in states],
+        },
+        "cut_mm": _cut(muscle, last).round(3).tolist(),
+    }
+
+
+def unit_cells_deg(case: Case) -> float:
+    """Return the bend of as many unit cells as the case's muscle has, at 100 kPa without weight."""
+    cell = UnitCell(case.geometry, case.pattern, case.resolution)
+    return math.degrees(cell.free_bend(NOMINAL_MPA).angle_rad) * cell.angle_per_muscle
+
+
+def run_studies(names: Iterable[str], path: Path, report: Callable[[str], None]) -> dict:
+    """Run all cases of the studies and keep ``path`` up to date; cases that it holds are not run again.
+
+    Raises:
+        ValueError: ``path`` is no result of this command.
+    """
+    rows = {row["name"]: row for row in _finished(path)}
+    for study in names:
+        for name, case in STUDIES[study]().items():
+            if name in rows and rows[name]["case"] == asdict(case):
+                continue
+            row = run_case(name, case)
+            if case.gravity_factor == 0.0 and case.friction is None:
+                row["unit_cells_deg"] = unit_cells_deg(case)
+            rows[name] = row
+            write_json(path, {"versions": library_versions(), "muscles": list(rows.values())})
+            report(row_text(row))
+    return {"muscles": list(rows.values())}
+
+
+def row_text(row: dict) -> str:
+    """Return one line about a muscle."""
+    text = f"{row['name']:>24}: {row['unknowns']:6d} unknowns, {row['cpu_s']:6.1f} s, theta {row['theta_deg']:7.2f} deg"
+    if row["case"]["friction"] is not None:
+        text += f", force {row['force_n']:.4f} N, drag {row['drag_n']:+.4f} N"
+    if "unit_cells_deg" in row:
+        cells = row["unit_cells_deg"]
+        text += f", unit cells {cells:.2f} deg ({100 * (row['theta_deg'] / cells - 1):+.2f} %)"
+    return text + (f"; stopped at {row['p_kpa']:.1f} kPa" if row["failure"] else "")
+
+
+def draw(rows: Sequence[dict], folder: Path) -> list[Path]:
+    """Write a picture of the deformed cuts and one of the curves; return their paths.
+
+    Raises:
+        ModuleNotFoundError: matplotlib is not installed.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import PolyCollection
+    from matplotlib.figure import Figure
+
+    columns = min(4, len(rows))
+    shapes = Figure(figsize=(4 * columns, 4.5 * math.ceil(len(rows) / columns)), layout="constrained")
+    for index, row in enumerate(rows):
+        axes = shapes.add_subplot(math.ceil(len(rows) / columns), columns, index + 1)
+        axes.add_collection(PolyCollection(row["cut_mm"], facecolor="tab:gray", edgecolor="k", linewidth=0.15))
+        if row["case"]["friction"] is not None:
+            axes.axvline(-row["case"]["geometry"]["outer_radius_mm"], color="tab:red", linewidth=1.0)
+        axes.set_aspect("equal")
+        axes.autoscale_view()
+        axes.set(
+            xlabel="x [mm]", ylabel="z [mm]", title=f"{row['name']}\n{row['theta_deg']:.1f} deg, {row['force_n']:.3f} N"
+        )
+    curves = Figure(figsize=(11, 4.5), layout="constrained")
+    theta, force = curves.subplots(1, 2)
+    for row in rows:
+        blocked = row["case"]["friction"] is not None
+        curve = row["curve"]
+        (force if blocked else theta).plot(
+            curve["p_kpa"], curve["force_n" if blocked else "theta_deg"], marker=".", label=row["name"]
+        )
+    for axes, text in ((theta, "tip angle [deg]"), (force, "force on the plate [N]")):
+        axes.set(xlabel="gauge pressure [kPa]", ylabel=text)
+        axes.grid(True)
+        if axes.lines:
+            axes.legend(fontsize="small")
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name, figure in (("whole_muscle_shapes", shapes), ("whole_muscle_curves", curves)):
+        paths.append(folder / f"{name}.png")
+        FigureCanvasAgg(figure).print_figure(paths[-1], dpi=110)
+    return paths
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit status."""
+    parser = argparse.ArgumentParser(prog="whole_muscle_report", description=__doc__.split("\n")[0])
+    parser.add_argument("--json", type=Path, required=True, metavar="FILE", help="result, kept up to date")
+    parser.add_argument("--study", choices=sorted(STUDIES), action="append", help="one study; may be repeated")
+    parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw the muscles that the result holds")
+    options = parser.parse_args(arguments)
+    try:
+        result = run_studies(options.study or STUDIES, options.json, lambda text: print(text, flush=True))
+        if options.pictures:
+            for path in draw(result["muscles"], options.pictures):
+                print(path)
+    except (ValueError, OSError, ModuleNotFoundError) as error:
+        print(f"whole_muscle_report: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _cut(muscle: WholeMuscle, state: MuscleState) -> np.ndarray:
+    """Deformed faces of cells in the plane y = 0, shape (faces, 4, 2), corners in order around each."""
+    corners = muscle.mesh.cells[:, :8]
+    on_plane = muscle.mesh.points_mm[corners, 1] == 0.0
+    quads = []
+    for side in ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)):
+        quads.append(corners[on_plane[:, side].all(axis=1)][:, side])
+    return state.positions_mm[np.concatenate(quads)][:, :, [0, 2]]
+
+
+def _finished(path: Path) -> list[dict]:
+    if not path.exists():
+        return []
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        return found["muscles"] if found["versions"] == library_versions() else []
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{path} exists and is no result of this command; give another file") from error
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,66 @@
+import json
+from dataclasses import asdict
+
+import pytest
+
+pytest.importorskip("felupe")
+
+from mbpam_ros.study.fe import whole_muscle, whole_muscle_report  # noqa: E402
+from mbpam_ros.study.fe.mesh import CellGeometry, Resolution  # noqa: E402
+from mbpam_ros.study.fe.muscle_mesh import EndPieces  # noqa: E402
+from mbpam_ros.study.fe.solve import StepControl  # noqa: E402
+from mbpam_ros.study.fe.whole_muscle_report import Case, draw, main, mesh_study, run_case, unit_cells_deg  # noqa: E402
+
+COARSE = Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2)
+STIFF = Case(CellGeometry(a_mm=1.5, c_mm=3.0, wave_count=1.0, active_length_mm=7.0), "psc", COARSE, EndPieces(4.0, 2.0))
+"""A muscle that bends little: its runs are short."""
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return mesh_study({"coarse": COARSE}, STIFF)
+
+
+def test_a_mesh_study_has_the_free_and_the_blocked_muscle_with_cost_angle_and_force(rows):
+    free, blocked = rows
+    assert (free["name"], blocked["name"]) == ("coarse mesh", "coarse mesh, blocked")
+    assert free["failure"] is None and blocked["failure"] is None
+    assert free["unknowns"] == blocked["unknowns"] > 500
+    assert free["theta_deg"] > blocked["theta_deg"] > 0.0
+    assert free["force_n"] == 0.0 and blocked["force_n"] > 0.1
+    assert 0.0 < free["cpu_s"] < 60.0
+    assert free["curve"]["p_kpa"][0] == 0.0 and free["curve"]["p_kpa"][-1] == pytest.approx(100.0)
+    assert free["curve"]["theta_deg"] == sorted(free["curve"]["theta_deg"])
+
+
+def test_a_muscle_that_stops_says_where_and_why(monkeypatch):
+    monkeypatch.setattr(whole_muscle_report, "NOMINAL_MPA", 5.0)  # fifty times the pressure of the paper
+    monkeypatch.setattr(
+        whole_muscle, "_MUSCLE_STEPS", StepControl(residual_n=1e-5, first_step=0.005, smallest_step=0.004)
+    )
+    row = run_case("burst", STIFF)
+    assert "stopped at" in row["failure"]
+    assert 0.0 < row["p_kpa"] < 5000.0
+
+
+def test_the_command_keeps_what_its_file_holds_and_draws_it(rows, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("matplotlib")
+    weightless = Case(**{**vars(STIFF), "gravity_factor": 0.0})
+    monkeypatch.setattr(whole_muscle_report, "STUDIES", {"ends": lambda: {"stiff": weightless}})
+    path = tmp_path / "muscles.json"
+    assert main(["--json", str(path), "--pictures", str(tmp_path / "pictures")]) == 0
+    (row,) = json.loads(path.read_text(encoding="utf-8"))["muscles"]
+    assert row["case"] == json.loads(json.dumps(asdict(weightless)))
+    assert row["unit_cells_deg"] == pytest.approx(unit_cells_deg(weightless))
+    assert len(list((tmp_path / "pictures").glob("*.png"))) == 2
+    monkeypatch.setattr(whole_muscle_report, "run_case", None)  # would fail
+    assert main(["--json", str(path)]) == 0
+    assert all(picture.stat().st_size > 10_000 for picture in draw(rows, tmp_path))
+
+
+def test_a_file_of_something_else_is_not_overwritten(tmp_path, capsys):
+    path = tmp_path / "other.json"
+    path.write_text("[1, 2]", encoding="utf-8")
+    assert main(["--json", str(path)]) == 1
+    assert "give another file" in capsys.readouterr().err
+    assert path.read_text(encoding="utf-8") == "[1, 2]"
