@@ -35,7 +35,9 @@ from mbpam_ros.study.fe.solve import Chart, LinearSolver, LoadStepError, StepCon
 _HALVES = 2.0  # the model is half the muscle
 _PRESSURISED = 1  # chamber 1 of the half muscle; pdc: the other half's mirror image of it; psc: its other half
 _REVISIONS_AT_ONCE = 3  # then one node after another
-_MUSCLE_STEPS = StepControl(residual_n=1e-5, most_iterations=10, largest_step=0.1, most_revisions=20)
+_MUSCLE_STEPS = StepControl(
+    residual_n=1e-5, most_iterations=10, largest_step=0.1, smallest_step=1e-3, most_revisions=20
+)
 
 
 @dataclass(frozen=True, eq=False)

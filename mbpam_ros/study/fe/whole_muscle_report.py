@@ -140,8 +140,9 @@ def run_case(name: str, case: Case) -> dict:
     """Return what one muscle does on the way to 100 kPa, and its shape there.
 
     ``theta_deg`` is the tip's angle, ``force_n`` the normal force on the plate and ``drag_n`` the one along the muscle;
-    ``cut_mm`` the deformed cut y = 0 as quadrilaterals (x, z). A muscle that stops earlier has the reason under
-    ``failure`` and the values of its last equilibrium.
+    ``cut_mm`` the deformed cut y = 0 as quadrilaterals (x, z), ``sections_mm`` those of the crest and the valley in the
+    muscle's middle (x, y, in the section's own axes). A muscle that stops earlier has the reason under ``failure`` and
+    the values of its last equilibrium.
     """
     began_s = time.process_time()
     muscle = case.muscle()
@@ -173,6 +174,7 @@ def run_case(name: str, case: Case) -> dict:
             "force_n": [-float(state.plate_force_n[0]) for state in states],
         },
         "cut_mm": _cut(muscle, last).round(3).tolist(),
+        "sections_mm": [section.round(3).tolist() for section in _sections(muscle, last)],
     }
 
 
@@ -214,7 +216,7 @@ def row_text(row: dict) -> str:
 
 
 def draw(rows: Sequence[dict], folder: Path) -> list[Path]:
-    """Write a picture of the deformed cuts and one of the curves; return their paths.
+    """Write pictures of the deformed cuts, of sections and of the curves; return their paths.
 
     Raises:
         ModuleNotFoundError: matplotlib is not installed.
@@ -224,17 +226,24 @@ def draw(rows: Sequence[dict], folder: Path) -> list[Path]:
     from matplotlib.figure import Figure
 
     columns = min(4, len(rows))
-    shapes = Figure(figsize=(4 * columns, 4.5 * math.ceil(len(rows) / columns)), layout="constrained")
+    grid = math.ceil(len(rows) / columns), columns
+    shapes = Figure(figsize=(4 * columns, 4.5 * grid[0]), layout="constrained")
+    sections = Figure(figsize=(4 * columns, 3.5 * grid[0]), layout="constrained")
     for index, row in enumerate(rows):
-        axes = shapes.add_subplot(math.ceil(len(rows) / columns), columns, index + 1)
+        axes = shapes.add_subplot(*grid, index + 1)
         axes.add_collection(PolyCollection(row["cut_mm"], facecolor="tab:gray", edgecolor="k", linewidth=0.15))
         if row["case"]["friction"] is not None:
             axes.axvline(-row["case"]["geometry"]["outer_radius_mm"], color="tab:red", linewidth=1.0)
-        axes.set_aspect("equal")
-        axes.autoscale_view()
-        axes.set(
-            xlabel="x [mm]", ylabel="z [mm]", title=f"{row['name']}\n{row['theta_deg']:.1f} deg, {row['force_n']:.3f} N"
-        )
+        axes.set(xlabel="x [mm]", ylabel="z [mm]")
+        axes.set_title(f"{row['name']}\n{row['theta_deg']:.1f} deg, {row['force_n']:.3f} N")
+        flat = sections.add_subplot(*grid, index + 1)
+        for quads, side in zip(row["sections_mm"], (1.0, -1.0), strict=True):
+            mirrored = np.array(quads) * (1.0, side)
+            flat.add_collection(PolyCollection(mirrored, facecolor="tab:gray", edgecolor="k", linewidth=0.3))
+        flat.set(xlabel="x [mm]", ylabel="valley   |   crest", title=row["name"])
+        for drawn in (axes, flat):
+            drawn.set_aspect("equal")
+            drawn.autoscale_view()
     curves = Figure(figsize=(11, 4.5), layout="constrained")
     theta, force = curves.subplots(1, 2)
     for row in rows:
@@ -250,8 +259,8 @@ def draw(rows: Sequence[dict], folder: Path) -> list[Path]:
             axes.legend(fontsize="small")
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
-    for name, figure in (("whole_muscle_shapes", shapes), ("whole_muscle_curves", curves)):
-        paths.append(folder / f"{name}.png")
+    for name, figure in (("shapes", shapes), ("sections", sections), ("curves", curves)):
+        paths.append(folder / f"whole_muscle_{name}.png")
         FigureCanvasAgg(figure).print_figure(paths[-1], dpi=110)
     return paths
 
@@ -282,6 +291,23 @@ def _cut(muscle: WholeMuscle, state: MuscleState) -> np.ndarray:
     for side in ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)):
         quads.append(corners[on_plane[:, side].all(axis=1)][:, side])
     return state.positions_mm[np.concatenate(quads)][:, :, [0, 2]]
+
+
+def _sections(muscle: WholeMuscle, state: MuscleState) -> list[np.ndarray]:
+    """Faces of cells in the planes of the middle crest and of the valley after it, in the planes' own axes, shapes
+    (faces, 4, 2)."""
+    geometry, frames = muscle.geometry, muscle.frames
+    crest_mm = muscle.ends.length_mm + (geometry.wave_count // 2) * geometry.wave_length_mm
+    corners = muscle.mesh.cells[:, :4]  # the face of a cell that is toward the base
+    found = []
+    for z_mm in (crest_mm, crest_mm + 0.5 * geometry.wave_length_mm):
+        plane = int(np.abs(frames.z_mm - z_mm).argmin())
+        angle = frames.angles_rad(state.positions_mm)[plane]
+        along = state.positions_mm[:, 0] * math.cos(angle) + state.positions_mm[:, 2] * math.sin(angle)
+        faces = corners[(np.abs(muscle.mesh.points_mm[corners, 2] - frames.z_mm[plane]) < 1e-6).all(axis=1)]
+        quads = np.stack([along[faces], state.positions_mm[faces, 1]], axis=-1)
+        found.append(quads - (quads[..., 0].mean(), 0.0))
+    return found
 
 
 def _finished(path: Path) -> list[dict]:

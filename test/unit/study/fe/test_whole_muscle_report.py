@@ -1,6 +1,7 @@
 import json
 from dataclasses import asdict
 
+import numpy as np
 import pytest
 
 pytest.importorskip("felupe")
@@ -33,6 +34,13 @@ def test_a_mesh_study_has_the_free_and_the_blocked_muscle_with_cost_angle_and_fo
     assert free["curve"]["theta_deg"] == sorted(free["curve"]["theta_deg"])
 
 
+def test_the_sections_are_those_of_a_crest_and_of_a_valley(rows):
+    crest, valley = (np.array(quads) for quads in rows[0]["sections_mm"])
+    assert crest.shape == valley.shape
+    assert crest[..., 1].min() == 0.0
+    assert crest[..., 1].max() - valley[..., 1].max() == pytest.approx(STIFF.geometry.a_mm, abs=0.5)
+
+
 def test_a_muscle_that_stops_says_where_and_why(monkeypatch):
     monkeypatch.setattr(whole_muscle_report, "NOMINAL_MPA", 5.0)  # fifty times the pressure of the paper
     monkeypatch.setattr(
@@ -52,7 +60,7 @@ def test_the_command_keeps_what_its_file_holds_and_draws_it(rows, tmp_path, monk
     (row,) = json.loads(path.read_text(encoding="utf-8"))["muscles"]
     assert row["case"] == json.loads(json.dumps(asdict(weightless)))
     assert row["unit_cells_deg"] == pytest.approx(unit_cells_deg(weightless))
-    assert len(list((tmp_path / "pictures").glob("*.png"))) == 2
+    assert len(list((tmp_path / "pictures").glob("*.png"))) == 3
     monkeypatch.setattr(whole_muscle_report, "run_case", None)  # would fail
     assert main(["--json", str(path)]) == 0
     assert all(picture.stat().st_size > 10_000 for picture in draw(rows, tmp_path))
