@@ -122,7 +122,7 @@ def test_the_static_tier_refuses_an_object_and_names_the_tier_that_can():
 
 
 def test_an_unknown_tier_lists_the_known_ones():
-    with pytest.raises(TierError, match="static, arc"):
+    with pytest.raises(TierError, match="static, arc, rod"):
         plant_of(EMPTY, tier="fe")
 
 
