@@ -32,7 +32,8 @@ class Contacts(NamedTuple):
     Args:
         count: how many rows are in use, shape (1,).
         depth, share: d and w, shape (n,).
-        normal, jacobian: N and J, shapes (n, 3) and (n, 6, D + 6); columns: the finger's D coordinates, the object's six.
+        normal, jacobian: N and J, shapes (n, 3) and (n, 6, D + 6); columns: the
+            finger's D coordinates, the object's six.
         rise: part of the relative velocity along z that is the hand's, shape (n,).
         finger: which takes part; -1 for none.
         kind: row of the table of laws.

@@ -62,13 +62,11 @@ class Scratch(NamedTuple):
 
 @njit
 def scratch(size: int, coordinates: int, fingers: int) -> Scratch:
-    """Return room for ``size`` equations, those of the fingers first. Fingers meet only the object, never each other."""
+    """Return room for ``size`` equations, those of the fingers first; fingers meet only the object."""
     first = np.zeros(size, np.int64)
     for i in range(fingers * coordinates):
         first[i] = i // coordinates * coordinates
-    return Scratch(
-        np.empty((size, size)), np.empty(size), np.empty(size), np.empty(size), np.empty((2, 3, 3)), first
-    )
+    return Scratch(np.empty((size, size)), np.empty(size), np.empty(size), np.empty(size), np.empty((2, 3, 3)), first)
 
 
 @njit

@@ -163,8 +163,8 @@ def tip_bend(tangent: Array, rate: Array, added_up_rad: Array) -> tuple[Array, A
     """Return bend and bend rate, each (n, 2), of tips with these tangents (n, 3) and tangents' rates (n, 3).
 
     t = (sin|b| b / |b|, cos|b|) has the solutions b = (angle + 2 pi k) n with n the direction of t across z; taken is
-    the one nearest to ``added_up_rad``, the curvature added up along the muscle, shape (n, 2). Straight up or down, where
-    n is not defined, the bend is along ``added_up_rad``, and its rate that of t.
+    the one nearest to ``added_up_rad``, the curvature added up along the muscle, shape (n, 2). Where n is not defined,
+    straight up or down, the bend is along ``added_up_rad``, and its rate that of t.
     """
     across = np.hypot(tangent[:, 0], tangent[:, 1])
     defined = across > 1e-9
@@ -177,7 +177,7 @@ def tip_bend(tangent: Array, rate: Array, added_up_rad: Array) -> tuple[Array, A
     angle += 2.0 * np.pi * np.round((sought - angle) / (2.0 * np.pi))
     swing = np.einsum("ni,ni->n", direction, rate[:, :2])
     angle_rate = swing * tangent[:, 2] - rate[:, 2] * across
-    # The part across the direction turns it: n changes by its rate over |sin|, which is |b| over it seen from b.
+    # What is left turns the direction, at the rate aside / sin|b|.
     aside = rate[:, :2] - swing[:, None] * direction
     stretch = np.where(defined, angle / np.where(defined, across, 1.0), 1.0)
     return angle[:, None] * direction, angle_rate[:, None] * direction + stretch[:, None] * aside

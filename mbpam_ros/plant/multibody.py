@@ -139,41 +139,59 @@ def turned(q: Array, wx: float, wy: float, wz: float, result: Array) -> None:
     result[0], result[1], result[2], result[3] = rx * norm, ry * norm, rz * norm, rw * norm
 
 
+class _Room(NamedTuple):
+    """Room for one muscle: coordinates and rates (D,), mass matrix (D, D), load (D,), and work of ``mass_and_load``."""
+
+    shape: Array
+    rate: Array
+    mass: Array
+    load: Array
+    work: Array
+
+
 @njit
-def _move_muscles(state: State, start: Array, system: System, share: float, motion: Motion, work: Array) -> None:
+def _room(rod: Rod) -> _Room:
+    segments, size = rod.bends.shape[0], 2 * rod.bends.shape[2]
+    return _Room(
+        np.empty(size), np.empty(size), np.empty((size, size)), np.empty(size), np.empty((size // 2 + 1, 6 * segments))
+    )
+
+
+@njit
+def _move_muscles(state: State, start: Array, system: System, share: float, motion: Motion, room: _Room) -> None:
     """Write the motion of the muscles after ``share`` of the step."""
-    size = 2 * system.rod.bends.shape[2]
-    q, rate = work[0], work[1]
+    size = room.shape.shape[0]
     for f in range(system.bases.shape[0]):
         for i in range(size):
             n = f * size + i
-            rate[i] = (1.0 - share) * start[n] + share * state.velocity[n]
-            q[i] = state.shape[n] + share * system.step_s * rate[i]
-        move_rod(q, rate, system.rod, motion, f)
+            room.rate[i] = (1.0 - share) * start[n] + share * state.velocity[n]
+            room.shape[i] = state.shape[n] + share * system.step_s * room.rate[i]
+        move_rod(room.shape, room.rate, system.rod, motion, f)
 
 
 @njit
 def _muscle_equations(
     state: State, start: Array, system: System, drive: Drive, blend: float, gravity: float, theta: Array,
-    motion: Motion, work: Array, mass: Array, a: Array, b: Array,
+    motion: Motion, room: _Room, a: Array, b: Array,
 ) -> None:  # fmt: skip
     """Write the muscles' rows of a v = b; masses and loads are those of ``motion``."""
-    h, rod, load = system.step_s, system.rod, work[3]
-    size = load.shape[0]
+    h, eta, size = system.step_s, system.retardation, room.load.shape[0]
     for f in range(system.bases.shape[0]):
-        mass_and_load(rod, motion, f, gravity, work, mass, load)
+        mass_and_load(system.rod, motion, f, gravity, room.work, room.mass, room.load)
         stiffness = (1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f]
-        t = theta[f]
+        t, first = theta[f], f * size
         for i in range(size):
-            n = f * size + i
-            k = h * stiffness / (rod.active_length * (2 * (i // 2) + 1))
-            moment = (1.0 - blend) * drive.moments[0, f, i] + blend * drive.moments[1, f, i] if i < 2 else 0.0
-            explicit = k * ((1.0 - t) * system.retardation + t * (1.0 - t) * h)
-            b[n] = h * (moment + load[i]) - k * state.shape[n] - explicit * start[n]
+            n = first + i
+            degree = i >> 1
+            k = h * stiffness / (system.rod.active_length * (2 * degree + 1))
+            total = h * room.load[i] - k * state.shape[n] - k * (1.0 - t) * (eta + t * h) * start[n]
+            if degree == 0:
+                total += h * ((1.0 - blend) * drive.moments[0, f, i] + blend * drive.moments[1, f, i])
             for j in range(size):
-                a[n, f * size + j] = mass[i, j]
-                b[n] += mass[i, j] * start[f * size + j]
-            a[n, n] += k * (t * system.retardation + t * t * h)
+                a[n, first + j] = room.mass[i, j]
+                total += room.mass[i, j] * start[first + j]
+            a[n, n] += k * t * (eta + t * h)
+            b[n] = total
 
 
 @njit
@@ -215,7 +233,7 @@ def _move(state: State, start: Array, h: float, theta: Array, turn: Array) -> in
         if abs(v[i]) > (500.0 if i < n else (50.0 if i < n + 3 else 1000.0)):
             return ABSURD
     for i in range(n):
-        t = theta[i * fingers // n]
+        t = theta[i // (n // fingers)]
         shape[i] += h * ((1.0 - t) * start[i] + t * v[i])
         if abs(shape[i]) > LARGEST_BEND_RAD:
             return ABSURD
@@ -257,19 +275,18 @@ def _advance(
     a, b, start = np.zeros((size, size)), np.zeros(size), np.zeros(size)
     theta, rotation, middle, turn = np.empty(fingers + 1), np.eye(3), np.zeros(4), np.zeros(3)
     coordinates = muscles // fingers
-    work, mass = np.empty((4, coordinates)), np.empty((coordinates, coordinates))
-    room, equations = places(around), scratch(size, coordinates, fingers)
+    room, spots, equations = _room(system.rod), places(around), scratch(size, coordinates, fingers)
     iterations = 0
     contacts.count[0] = 0
     for step in range(steps):
         for i in range(size):
             start[i] = v[i]
-        _move_muscles(state, start, system, 0.0, motion, work)
+        _move_muscles(state, start, system, 0.0, motion, room)
         if around.shape >= 0 or around.table_in_reach:
             rotation_matrix(state.orientation, rotation)
             find_contacts(
                 system.bases, system.rod, motion, around, state.position, rotation, drive.heights[step],
-                drive.rates[step + 1], room, contacts,
+                drive.rates[step + 1], spots, contacts,
             )  # fmt: skip
         touching = contacts.count[0] > 0
         theta[:] = 0.5
@@ -284,8 +301,8 @@ def _advance(
         # The second sweep takes masses and loads at the midpoint the first one found; in contact one is as good.
         for sweep in range(1 if touching else 2):
             if sweep > 0:
-                _move_muscles(state, start, system, 0.5, motion, work)
-            _muscle_equations(state, start, system, drive, blend, gravity, theta, motion, work, mass, a, b)
+                _move_muscles(state, start, system, 0.5, motion, room)
+            _muscle_equations(state, start, system, drive, blend, gravity, theta, motion, room, a, b)
             if size > muscles:
                 _object_equations(state, start, system, 0.5 * sweep, rotation, middle, a, b)
             if touching:
@@ -301,7 +318,7 @@ def _advance(
         answer = _move(state, start, h, theta, turn)
         if answer != OK:
             return answer, iterations
-    _move_muscles(state, v, system, 0.0, motion, work)
+    _move_muscles(state, v, system, 0.0, motion, room)
     _sum_forces(contacts, forces)
     return OK, iterations
 

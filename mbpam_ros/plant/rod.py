@@ -203,20 +203,17 @@ def move_rod(q: Array, rate: Array, rod: Rod, motion: Motion, finger: int) -> No
     A segment turns at T do/dt seen from its start, T = 1 + c_2 [o] + c_3 [o]^2; with r = dT/dt do/dt + T d2o/dt2 for
     the part of its turning acceleration that is there while dq/dt is constant.
     """
-    tangent, acceleration = motion.tangent[finger], motion.acceleration[finger]
-    turning, slope = motion.turning[finger], motion.slope[finger]
+    bends, f = rod.bends, finger
+    tangent, acceleration, turning, slope = motion.tangent, motion.acceleration, motion.turning, motion.slope
     rx, ry, rz = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # rows of R
     turn, gain = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)  # turning rate of the section, and its rate
     modes = rod.bends.shape[2]
     for k in range(rod.bends.shape[0]):
-        first, second = rod.bends[k, 0], rod.bends[k, 1]
         b1x, b1y, b2x, b2y, d1x, d1y, d2x, d2y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(modes):
-            x, y = 2 * i, 2 * i + 1
-            b1x, b1y = b1x + first[i] * q[x], b1y + first[i] * q[y]
-            b2x, b2y = b2x + second[i] * q[x], b2y + second[i] * q[y]
-            d1x, d1y = d1x + first[i] * rate[x], d1y + first[i] * rate[y]
-            d2x, d2y = d2x + second[i] * rate[x], d2y + second[i] * rate[y]
+            x, y, one, two = 2 * i, 2 * i + 1, bends[k, 0, i], bends[k, 1, i]
+            b1x, b1y, b2x, b2y = b1x + one * q[x], b1y + one * q[y], b2x + two * q[x], b2y + two * q[y]
+            d1x, d1y, d2x, d2y = d1x + one * rate[x], d1y + one * rate[y], d2x + two * rate[x], d2y + two * rate[y]
         o = (-0.5 * (b1y + b2y), 0.5 * (b1x + b2x), _MAGNUS * (b1x * b2y - b1y * b2x))
         do = (-0.5 * (d1y + d2y), 0.5 * (d1x + d2x), _MAGNUS * (d1x * b2y + b1x * d2y - d1y * b2x - b1y * d2x))
         ddo = 2.0 * _MAGNUS * (d1x * d2y - d1y * d2x)  # along z only
@@ -237,58 +234,66 @@ def move_rod(q: Array, rate: Array, rod: Rod, motion: Motion, finger: int) -> No
         t = (rx[2], ry[2], rz[2])
         around, toward = _cross(gain, t), _cross(turn, _cross(turn, t))
         for i in range(3):
-            tangent[k + 1, i], acceleration[k + 1, i] = t[i], around[i] + toward[i]
-        for j in range(2 * modes):
-            one, two = first[j // 2], second[j // 2]
-            if j % 2 == 0:
-                o_y, o_z = 0.5 * (one + two), _MAGNUS * (one * b2y - b1y * two)
-                wx, wy, wz = tx[1] * o_y + tx[2] * o_z, ty[1] * o_y + ty[2] * o_z, tz[1] * o_y + tz[2] * o_z
-            else:
-                o_x, o_z = -0.5 * (one + two), _MAGNUS * (b1x * two - one * b2x)
-                wx, wy, wz = tx[0] * o_x + tx[2] * o_z, ty[0] * o_x + ty[2] * o_z, tz[0] * o_x + tz[2] * o_z
-            wx, wy, wz = wx + turning[k, 0, j], wy + turning[k, 1, j], wz + turning[k, 2, j]
-            turning[k + 1, 0, j], turning[k + 1, 1, j], turning[k + 1, 2, j] = wx, wy, wz
-            slope[k + 1, 0, j] = wy * t[2] - wz * t[1]
-            slope[k + 1, 1, j] = wz * t[0] - wx * t[2]
-            slope[k + 1, 2, j] = wx * t[1] - wy * t[0]
+            tangent[f, k + 1, i], acceleration[f, k + 1, i] = t[i], around[i] + toward[i]
+        for i in range(modes):
+            one, two = bends[k, 0, i], bends[k, 1, i]
+            mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
+            x_along, y_along = one * b2y - two * b1y, two * b1x - one * b2x  # do/dq along z; across it is z x mean
+            for j in range(2):
+                n, p, y, z = 2 * i + j, 1 - j, (mean if j == 0 else -mean), (x_along if j == 0 else y_along)
+                wx = turning[f, k, 0, n] + tx[p] * y + tx[2] * z
+                wy = turning[f, k, 1, n] + ty[p] * y + ty[2] * z
+                wz = turning[f, k, 2, n] + tz[p] * y + tz[2] * z
+                turning[f, k + 1, 0, n], turning[f, k + 1, 1, n], turning[f, k + 1, 2, n] = wx, wy, wz
+                slope[f, k + 1, 0, n] = wy * t[2] - wz * t[1]
+                slope[f, k + 1, 1, n] = wz * t[0] - wx * t[2]
+                slope[f, k + 1, 2, n] = wx * t[1] - wy * t[0]
 
 
 @njit
 def mass_and_load(rod: Rod, motion: Motion, finger: int, gravity: float, work: Array, mass: Array, load: Array) -> None:
     """Write the mass matrix (2 m, 2 m) [kg m2] and the load (2 m,) [N m] of gravity less velocity terms.
 
-    ``gravity`` is along +z in the (accelerated) clamp frame. With J_k = dt_k/dq and a_k the acceleration of t_k while
-    dq/dt is constant: mass = sum_kl G_kl J_k^T J_l, load = sum_k J_k^T (W_k g z - sum_l G_kl a_l).
+    ``gravity`` is along +z in the (accelerated) clamp frame. With J_k = dt_k/dq, a_k the acceleration of t_k while
+    dq/dt is constant and the factor C of G: mass = Z^T Z, load = sum_k W_k g z^T J_k - Z^T C a, Z = C J.
 
     Args:
-        work: scratch, shape (3, 2 m).
+        work: scratch, shape (m + 1, 6 S).
     """
-    slope, acceleration = motion.slope[finger], motion.acceleration[finger]
-    segments, size = rod.inertia.shape[0], load.shape[0]
-    for j in range(size):
-        load[j] = 0.0
-        for k in range(segments):
-            load[j] += gravity * rod.levers[k] * slope[k + 1, 2, j]
-        for i in range(size):
-            mass[i, j] = 0.0
+    segments, modes, inertia, levers = rod.inertia.shape[0], rod.bends.shape[2], rod.inertia, rod.levers
+    slope, acceleration = motion.slope, motion.acceleration
     for k in range(segments):
-        for i in range(3):
-            swing = 0.0
-            for j in range(size):
-                work[i, j] = 0.0
+        ax, ay, az = 0.0, 0.0, 0.0
+        for n in range(k, segments):
+            share = inertia[k, n]
+            ax += share * acceleration[finger, n + 1, 0]
+            ay += share * acceleration[finger, n + 1, 1]
+            az += share * acceleration[finger, n + 1, 2]
+        work[modes, 3 * k], work[modes, 3 * k + 1], work[modes, 3 * k + 2] = ax, ay, az
+    for i in range(modes):
+        x, y, load_x, load_y = 2 * i, 2 * i + 1, 0.0, 0.0
+        for k in range(segments):
+            xx, yx, zx, xy, yy, zy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # rows of Z: axis, column
             for n in range(k, segments):
-                share = rod.inertia[k, n]
-                swing += share * acceleration[n + 1, i]
-                for j in range(size):
-                    work[i, j] += share * slope[n + 1, i, j]
-            for j in range(size):
-                load[j] -= work[i, j] * swing
-        for i in range(size):
-            for j in range(i + 1):
-                mass[i, j] += work[0, i] * work[0, j] + work[1, i] * work[1, j] + work[2, i] * work[2, j]
-    for i in range(size):
-        for j in range(i):
-            mass[j, i] = mass[i, j]
+                share = inertia[k, n]
+                xx, xy = xx + share * slope[finger, n + 1, 0, x], xy + share * slope[finger, n + 1, 0, y]
+                yx, yy = yx + share * slope[finger, n + 1, 1, x], yy + share * slope[finger, n + 1, 1, y]
+                zx, zy = zx + share * slope[finger, n + 1, 2, x], zy + share * slope[finger, n + 1, 2, y]
+            work[i, 6 * k], work[i, 6 * k + 1], work[i, 6 * k + 2] = xx, xy, yx
+            work[i, 6 * k + 3], work[i, 6 * k + 4], work[i, 6 * k + 5] = yy, zx, zy
+            ax, ay, az = work[modes, 3 * k], work[modes, 3 * k + 1], work[modes, 3 * k + 2]
+            weight = gravity * levers[k]
+            load_x += weight * slope[finger, k + 1, 2, x] - xx * ax - yx * ay - zx * az
+            load_y += weight * slope[finger, k + 1, 2, y] - xy * ax - yy * ay - zy * az
+        load[x], load[y] = load_x, load_y
+        for j in range(i + 1):
+            xx, xy, yx, yy = 0.0, 0.0, 0.0, 0.0
+            for r in range(0, 6 * segments, 2):
+                ix, iy, jx, jy = work[i, r], work[i, r + 1], work[j, r], work[j, r + 1]
+                xx, xy, yx, yy = xx + ix * jx, xy + ix * jy, yx + iy * jx, yy + iy * jy
+            v, w = 2 * j, 2 * j + 1
+            mass[x, v], mass[x, w], mass[y, v], mass[y, w] = xx, xy, yx, yy
+            mass[v, x], mass[w, x], mass[v, y], mass[w, y] = xx, xy, yx, yy
 
 
 @njit
@@ -302,9 +307,7 @@ def ball_position(rod: Rod, tangent: Array, ball: int) -> Vector:
 
 
 @njit
-def ball_jacobian(
-    rod: Rod, motion: Motion, finger: int, ball: int, sign: float, arm: Vector, jacobian: Array
-) -> None:
+def ball_jacobian(rod: Rod, motion: Motion, finger: int, ball: int, sign: float, arm: Vector, jacobian: Array) -> None:
     """Write sign d(position, turning)/dq of the material at ``arm`` from a ball's centre.
 
     It goes into columns 0 to 2 m - 1 of ``jacobian`` (6, 2 m or more).

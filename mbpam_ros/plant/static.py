@@ -24,7 +24,7 @@ class StaticTier(Tier):
 
     def __init__(self, setup: TierSetup) -> None:
         if setup.body is not None:
-            raise TierError("tier 'static' has no contact and cannot move an object: use tier 'arc' or 'rod', or no object")
+            raise TierError("tier 'static' cannot move an object: use tier 'arc' or 'rod', or no object")
         self._setup = setup
         self.reset()
 

@@ -180,6 +180,6 @@ def build_tier(name: str, setup: TierSetup) -> Tier:
     if name not in _TIERS:
         raise TierError(f"no tier {name!r}; known: {', '.join(_TIERS)}")
     if setup.modes is not None and name != "rod":
-        raise TierError(f"tier {name!r} has no modes to choose, found modes = {setup.modes}: use tier 'rod', or leave it out")
+        raise TierError(f"tier {name!r} takes no modes, found {setup.modes}: use tier 'rod', or leave modes out")
     module, tier = _TIERS[name]
     return getattr(importlib.import_module(module), tier)(setup)

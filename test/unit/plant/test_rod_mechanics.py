@@ -45,7 +45,7 @@ def mechanics(shape, rate=None, gravity=0.0, segments=5):
     rod, motion = moved(shape, rate, segments)
     size = motion.slope.shape[3]
     mass, load = np.empty((size, size)), np.empty(size)
-    mass_and_load.py_func(rod, motion, 0, gravity, np.empty((3, size)), mass, load)
+    mass_and_load.py_func(rod, motion, 0, gravity, np.empty((size // 2 + 1, 6 * segments)), mass, load)
     return mass, load
 
 
