@@ -32,11 +32,12 @@ from mbpam_ros.plant.tiers import (
 MOST_MODES = 6
 """More are not resolved: a mode of higher degree bends less than the law of the rod is known."""
 
+_DAMPED_S, _UNDAMPED_SWEEPS = 1e-3, 30
 _FREE_MODES, _CONTACT_MODES = 2, 3
 _REASONS = {
     multibody.NOT_FINITE: "a velocity is no longer finite",
     multibody.ABSURD: (
-        f"a bend is beyond {np.degrees(multibody.LARGEST_BEND_RAD):.0f} deg, or something moves faster than 500 rad/s "
+        f"a bend is beyond {np.degrees(multibody.LARGEST_BEND_RAD):.0f} deg, or something moves faster than 5000 rad/s "
         "or 50 m/s"
     ),
     multibody.NOT_SOLVED: "the contact equations were not solved",
@@ -67,6 +68,7 @@ class RodTier(Tier):
             inertia = principal_inertia(body.shape, body.size_m, body.mass_kg)
         self._system = System(
             step_s=setup.sub_step_s,
+            sweeps=2 if config.retardation_time_s >= _DAMPED_S else _UNDAMPED_SWEEPS,
             gravity=setup.gravity_m_s2,
             bases=np.ascontiguousarray(setup.finger_base_m),
             rod=build_rod(setup.geometry, modes, segments, BALLS),

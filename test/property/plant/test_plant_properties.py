@@ -89,7 +89,9 @@ def test_the_velocities_after_contact_are_the_same_from_any_start(count, seed, f
     ends = []
     for start in (np.zeros(14), random.standard_normal(14)):
         room = scratch(14, 2, 4)
-        left, iterations = solve_contacts.py_func(a, b, start, 1e-3, laws, table, room)  # its loops only: less to compile
+        left, iterations = solve_contacts.py_func(
+            a, b, start, 1e-3, laws, table, room
+        )  # its loops only: less to compile
         assert left <= VELOCITY_TOLERANCE
         assert iterations < NEWTON_LIMIT
         ends.append(start)

@@ -76,7 +76,7 @@ def test_stumpff_functions_follow_from_each_other_and_from_sine_and_cosine(u):
 def test_one_mode_is_the_constant_curvature_of_the_actuators_kinematics():
     arc_length = np.linspace(0.0, GEOMETRY.length_m, 27)
     for bend in BENDS:
-        for segments, error_m in ((4, 1e-5), (8, 1e-9)):
+        for segments, error_m in ((4, 1e-4), (8, 1e-8)):
             _, motion = moved(bend, segments=segments)
             points = position_weights(GEOMETRY, segments, arc_length) @ motion.tangent[0]
             np.testing.assert_allclose(points, centreline(np.array(bend), GEOMETRY, arc_length), atol=error_m)
