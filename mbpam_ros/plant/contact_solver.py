@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -23,27 +22,28 @@ VELOCITY_TOLERANCE = 1e-8
 def solve_in_place(a: Array, b: Array, first: NDArray[np.int64]) -> bool:
     """Solve a x = b for a symmetric positive definite matrix; x ends in b. Returns False if it is none.
 
-    Cholesky's L L^T inside the envelope: row i is zero before column ``first[i]``, and so is that of L. Only the lower
-    half of a is read, and overwritten by L.
+    L D L^T inside the envelope: row i is zero before column ``first[i]``, and so is that of L. Only the lower half of a
+    is read, and overwritten by L and the inverse of D.
     """
     n = b.shape[0]
     for i in range(n):
-        for j in range(first[i], i + 1):
+        pivot, right = a[i, i], b[i]
+        for j in range(first[i], i):
             total = a[i, j]
             for k in range(max(first[i], first[j]), j):
-                total -= a[i, k] * a[j, k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                a[i, i] = math.sqrt(total)
-            else:
-                a[i, j] = total / a[j, j]
-        total = b[i]
-        for k in range(first[i], i):
-            total -= a[i, k] * b[k]
-        b[i] = total / a[i, i]
+                total -= a[i, k] * a[j, k]  # (L D) of row i, L of row j
+            a[i, j] = total
+        for j in range(first[i], i):
+            scaled = a[i, j] * a[j, j]
+            pivot -= a[i, j] * scaled
+            right -= scaled * b[j]
+            a[i, j] = scaled
+        if not pivot > 0.0:
+            return False
+        a[i, i], b[i] = 1.0 / pivot, right
+    for i in range(n):
+        b[i] *= a[i, i]
     for i in range(n - 1, -1, -1):
-        b[i] /= a[i, i]
         for k in range(first[i], i):
             b[k] -= a[i, k] * b[i]
     return True

@@ -43,7 +43,7 @@ from mbpam_ros.plant.contact_search import (
     places,
 )
 from mbpam_ros.plant.contact_solver import scratch, solve_contacts, solve_in_place
-from mbpam_ros.plant.rod import Motion, Rod, mass_and_load, move_rod
+from mbpam_ros.plant.rod import Motion, Rod, masses_and_loads, move_rods
 
 Array = NDArray[np.float64]
 
@@ -148,33 +148,38 @@ def turned(q: Array, wx: float, wy: float, wz: float, result: Array) -> None:
 
 
 class _Room(NamedTuple):
-    """Room for one muscle: coordinates and rates (D,), mass matrix (D, D), load (D,), and work of ``mass_and_load``."""
+    """Room for the muscles: coordinates, rates, loads (4, D), masses (4, D, D), and work of ``masses_and_loads``."""
 
     shape: Array
     rate: Array
-    mass: Array
     load: Array
+    mass: Array
     work: Array
 
 
 @njit
-def _room(rod: Rod) -> _Room:
-    segments, size = rod.bends.shape[0], 2 * rod.bends.shape[2]
+def _room(rod: Rod, fingers: int) -> _Room:
+    segments, modes = rod.bends.shape[0], rod.bends.shape[2]
+    size = 2 * modes
     return _Room(
-        np.empty(size), np.empty(size), np.empty((size, size)), np.empty(size), np.empty((size // 2 + 1, 6 * segments))
+        np.empty((fingers, size)),
+        np.empty((fingers, size)),
+        np.empty((fingers, size)),
+        np.empty((fingers, size, size)),
+        np.empty((modes + 1, 6 * segments)),
     )
 
 
 @njit
 def _move_muscles(state: State, start: Array, system: System, share: float, motion: Motion, room: _Room) -> None:
     """Write the motion of the muscles after ``share`` of the step."""
-    size = room.shape.shape[0]
-    for f in range(system.bases.shape[0]):
+    fingers, size = room.shape.shape
+    for f in range(fingers):
         for i in range(size):
             n = f * size + i
-            room.rate[i] = (1.0 - share) * start[n] + share * state.velocity[n]
-            room.shape[i] = state.shape[n] + share * system.step_s * room.rate[i]
-        move_rod(room.shape, room.rate, system.rod, motion, f)
+            room.rate[f, i] = (1.0 - share) * start[n] + share * state.velocity[n]
+            room.shape[f, i] = state.shape[n] + share * system.step_s * room.rate[f, i]
+    move_rods(room.shape, room.rate, system.rod, motion)
 
 
 @njit
@@ -183,22 +188,22 @@ def _muscle_equations(
     motion: Motion, room: _Room, a: Array, b: Array,
 ) -> None:  # fmt: skip
     """Write the muscles' rows of a v = b; masses and loads are those of ``motion``."""
-    h, eta, size = system.step_s, system.retardation, room.load.shape[0]
-    for f in range(system.bases.shape[0]):
-        mass_and_load(system.rod, motion, f, gravity, room.work, room.mass, room.load)
-        stiffness = (1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f]
+    h, eta, springs = system.step_s, system.retardation, system.rod.springs
+    fingers, size = room.shape.shape
+    masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
+    for f in range(fingers):
+        stiffness = h * ((1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f])
         t, first = theta[f], f * size
+        implicit, explicit = t * (eta + t * h), (1.0 - t) * (eta + t * h)
         for i in range(size):
-            n = first + i
-            degree = i >> 1
-            k = h * stiffness / (system.rod.active_length * (2 * degree + 1))
-            total = h * room.load[i] - k * state.shape[n] - k * (1.0 - t) * (eta + t * h) * start[n]
-            if degree == 0:
+            n, k = first + i, stiffness * springs[i >> 1]
+            total = h * room.load[f, i] - k * (state.shape[n] + explicit * start[n])
+            if i < 2:
                 total += h * ((1.0 - blend) * drive.moments[0, f, i] + blend * drive.moments[1, f, i])
             for j in range(size):
-                a[n, first + j] = room.mass[i, j]
-                total += room.mass[i, j] * start[first + j]
-            a[n, n] += k * t * (eta + t * h)
+                a[n, first + j] = room.mass[f, i, j]
+                total += room.mass[f, i, j] * start[first + j]
+            a[n, n] += k * implicit
             b[n] = total
 
 
@@ -283,7 +288,7 @@ def _advance(
     a, b, start = np.zeros((size, size)), np.zeros(size), np.zeros(size)
     theta, rotation, middle, turn = np.empty(fingers + 1), np.eye(3), np.zeros(4), np.zeros(3)
     coordinates = muscles // fingers
-    room, spots, equations = _room(system.rod), places(around), scratch(size, coordinates, fingers)
+    room, spots, equations = _room(system.rod, fingers), places(around), scratch(size, coordinates, fingers)
     iterations = 0
     contacts.count[0] = 0
     for step in range(steps):

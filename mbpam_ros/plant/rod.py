@@ -52,23 +52,23 @@ class Rod(NamedTuple):
     """What does not change of a muscle with m modes and S segments.
 
     Args:
-        active_length, radius: of the muscle [m].
         bends: bends of the segments at their two Gauss points per q_i, shape (S, 2, m).
+        springs: stiffness of q_i over B, 1 / (L (2 i + 1)) [1/m], shape (m,).
         inertia: upper triangle C with C^T C = G [m sqrt(kg)], of the points 1 to S, shape (S, S).
         levers: W of the points 1 to S [kg m], shape (S,).
         balls: w(s) of the balls that touch [m], shape (n, S + 1).
         turns: weights of the points in the turning of the balls, shape (n, S + 1).
-        spacing: of the balls along the muscle [m].
+        spacing, radius: of the balls [m].
     """
 
-    active_length: float
-    radius: float
     bends: Array
+    springs: Array
     inertia: Array
     levers: Array
     balls: Array
     turns: Array
     spacing: float
+    radius: float
 
 
 class Motion(NamedTuple):
@@ -100,19 +100,19 @@ def build_rod(geometry: MuscleGeometry, modes: int, segments: int, balls: int) -
     inertia, levers = _inertia_and_levers(geometry, segments)
     ball_at = np.linspace(0.0, geometry.length_m - geometry.outer_radius_m, balls)
     return Rod(
-        active_length=geometry.active_length_m,
-        radius=geometry.outer_radius_m,
         bends=np.ascontiguousarray(bends),
+        springs=1.0 / (geometry.active_length_m * (2.0 * np.arange(modes) + 1.0)),
         inertia=inertia,
         levers=levers,
         balls=position_weights(geometry, segments, ball_at),
         turns=_turn_weights(geometry, segments, ball_at),
         spacing=float(ball_at[1]),
+        radius=geometry.outer_radius_m,
     )
 
 
 def motion_at_rest(fingers: int, modes: int, segments: int) -> Motion:
-    """Return the motion of straight muscles; what is not the clamp's is to be overwritten by :func:`move_rod`."""
+    """Return the motion of straight muscles; what is not the clamp's is to be overwritten by :func:`move_rods`."""
     tangent = np.zeros((fingers, segments + 1, 3))
     tangent[..., 2] = 1.0
     columns = np.zeros((2, fingers, segments + 1, 3, 2 * modes))
@@ -197,62 +197,67 @@ def _sum(r: float, a: Vector, s: float, b: Vector, t: float, c: Vector) -> Vecto
 
 
 @njit
-def move_rod(q: Array, rate: Array, rod: Rod, motion: Motion, finger: int) -> None:
-    """Write the motion of one muscle with coordinates q and their rates, shapes (2 m,), into its part of ``motion``.
+def move_rods(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
+    """Write the motion of all muscles with coordinates q and their rates, shapes (4, 2 m).
 
     A segment turns at T do/dt seen from its start, T = 1 + c_2 [o] + c_3 [o]^2; with r = dT/dt do/dt + T d2o/dt2 for
     the part of its turning acceleration that is there while dq/dt is constant.
     """
-    bends, f = rod.bends, finger
+    bends, modes = rod.bends, rod.bends.shape[2]
     tangent, acceleration, turning, slope = motion.tangent, motion.acceleration, motion.turning, motion.slope
-    rx, ry, rz = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # rows of R
-    turn, gain = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)  # turning rate of the section, and its rate
-    modes = rod.bends.shape[2]
-    for k in range(rod.bends.shape[0]):
-        b1x, b1y, b2x, b2y, d1x, d1y, d2x, d2y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(modes):
-            x, y, one, two = 2 * i, 2 * i + 1, bends[k, 0, i], bends[k, 1, i]
-            b1x, b1y, b2x, b2y = b1x + one * q[x], b1y + one * q[y], b2x + two * q[x], b2y + two * q[y]
-            d1x, d1y, d2x, d2y = d1x + one * rate[x], d1y + one * rate[y], d2x + two * rate[x], d2y + two * rate[y]
-        o = (-0.5 * (b1y + b2y), 0.5 * (b1x + b2x), _MAGNUS * (b1x * b2y - b1y * b2x))
-        do = (-0.5 * (d1y + d2y), 0.5 * (d1x + d2x), _MAGNUS * (d1x * b2y + b1x * d2y - d1y * b2x - b1y * d2x))
-        ddo = 2.0 * _MAGNUS * (d1x * d2y - d1y * d2x)  # along z only
-        u, du = _dot(o, o), 2.0 * _dot(o, do)
-        c1, c2, c3, c4, c5 = stumpff(u)
-        # rows of R [o] and R [o]^2, then of R T
-        ax, ay, az = _cross(rx, o), _cross(ry, o), _cross(rz, o)
-        bx, by, bz = _cross(ax, o), _cross(ay, o), _cross(az, o)
-        tx, ty, tz = _sum(1.0, rx, c2, ax, c3, bx), _sum(1.0, ry, c2, ay, c3, by), _sum(1.0, rz, c2, az, c3, bz)
-        # dT/dt do/dt, with dc_k/du = (k c_{k+2} - c_{k+1}) / 2
-        e = _cross(o, do)
-        r = _sum(c3, _cross(do, e), 0.5 * (2.0 * c4 - c3) * du, e, 0.5 * (3.0 * c5 - c4) * du, _cross(o, e))
-        own = (_dot(tx, do), _dot(ty, do), _dot(tz, do))
-        own_gain = (_dot(rx, r) + tx[2] * ddo, _dot(ry, r) + ty[2] * ddo, _dot(rz, r) + tz[2] * ddo)
-        gain = _sum(1.0, gain, 1.0, own_gain, 1.0, _cross(turn, own))
-        turn = (turn[0] + own[0], turn[1] + own[1], turn[2] + own[2])
-        rx, ry, rz = _sum(1.0, rx, c1, ax, c2, bx), _sum(1.0, ry, c1, ay, c2, by), _sum(1.0, rz, c1, az, c2, bz)
-        t = (rx[2], ry[2], rz[2])
-        around, toward = _cross(gain, t), _cross(turn, _cross(turn, t))
-        for i in range(3):
-            tangent[f, k + 1, i], acceleration[f, k + 1, i] = t[i], around[i] + toward[i]
-        for i in range(modes):
-            one, two = bends[k, 0, i], bends[k, 1, i]
-            mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
-            x_along, y_along = one * b2y - two * b1y, two * b1x - one * b2x  # do/dq along z; across it is z x mean
-            for j in range(2):
-                n, p, y, z = 2 * i + j, 1 - j, (mean if j == 0 else -mean), (x_along if j == 0 else y_along)
-                wx = turning[f, k, 0, n] + tx[p] * y + tx[2] * z
-                wy = turning[f, k, 1, n] + ty[p] * y + ty[2] * z
-                wz = turning[f, k, 2, n] + tz[p] * y + tz[2] * z
-                turning[f, k + 1, 0, n], turning[f, k + 1, 1, n], turning[f, k + 1, 2, n] = wx, wy, wz
-                slope[f, k + 1, 0, n] = wy * t[2] - wz * t[1]
-                slope[f, k + 1, 1, n] = wz * t[0] - wx * t[2]
-                slope[f, k + 1, 2, n] = wx * t[1] - wy * t[0]
+    for f in range(q.shape[0]):
+        rx, ry, rz = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # rows of R
+        turn, gain = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)  # turning rate of the section, and its rate
+        for k in range(rod.bends.shape[0]):
+            b1x, b1y, b2x, b2y, d1x, d1y, d2x, d2y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for i in range(modes):
+                x, y, one, two = 2 * i, 2 * i + 1, bends[k, 0, i], bends[k, 1, i]
+                b1x, b1y, b2x, b2y = b1x + one * q[f, x], b1y + one * q[f, y], b2x + two * q[f, x], b2y + two * q[f, y]
+                d1x, d1y, d2x, d2y = (
+                    d1x + one * rate[f, x],
+                    d1y + one * rate[f, y],
+                    d2x + two * rate[f, x],
+                    d2y + two * rate[f, y],
+                )
+            o = (-0.5 * (b1y + b2y), 0.5 * (b1x + b2x), _MAGNUS * (b1x * b2y - b1y * b2x))
+            do = (-0.5 * (d1y + d2y), 0.5 * (d1x + d2x), _MAGNUS * (d1x * b2y + b1x * d2y - d1y * b2x - b1y * d2x))
+            ddo = 2.0 * _MAGNUS * (d1x * d2y - d1y * d2x)  # along z only
+            u, du = _dot(o, o), 2.0 * _dot(o, do)
+            c1, c2, c3, c4, c5 = stumpff(u)
+            # rows of R [o] and R [o]^2, then of R T
+            ax, ay, az = _cross(rx, o), _cross(ry, o), _cross(rz, o)
+            bx, by, bz = _cross(ax, o), _cross(ay, o), _cross(az, o)
+            tx, ty, tz = _sum(1.0, rx, c2, ax, c3, bx), _sum(1.0, ry, c2, ay, c3, by), _sum(1.0, rz, c2, az, c3, bz)
+            # dT/dt do/dt, with dc_k/du = (k c_{k+2} - c_{k+1}) / 2
+            e = _cross(o, do)
+            r = _sum(c3, _cross(do, e), 0.5 * (2.0 * c4 - c3) * du, e, 0.5 * (3.0 * c5 - c4) * du, _cross(o, e))
+            own = (_dot(tx, do), _dot(ty, do), _dot(tz, do))
+            own_gain = (_dot(rx, r) + tx[2] * ddo, _dot(ry, r) + ty[2] * ddo, _dot(rz, r) + tz[2] * ddo)
+            gain = _sum(1.0, gain, 1.0, own_gain, 1.0, _cross(turn, own))
+            turn = (turn[0] + own[0], turn[1] + own[1], turn[2] + own[2])
+            rx, ry, rz = _sum(1.0, rx, c1, ax, c2, bx), _sum(1.0, ry, c1, ay, c2, by), _sum(1.0, rz, c1, az, c2, bz)
+            t = (rx[2], ry[2], rz[2])
+            around, toward = _cross(gain, t), _cross(turn, _cross(turn, t))
+            for i in range(3):
+                tangent[f, k + 1, i], acceleration[f, k + 1, i] = t[i], around[i] + toward[i]
+            for i in range(modes):
+                one, two = bends[k, 0, i], bends[k, 1, i]
+                mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
+                x_along, y_along = one * b2y - two * b1y, two * b1x - one * b2x  # do/dq along z; across it is z x mean
+                for j in range(2):
+                    n, p, y, z = 2 * i + j, 1 - j, (mean if j == 0 else -mean), (x_along if j == 0 else y_along)
+                    wx = turning[f, k, 0, n] + tx[p] * y + tx[2] * z
+                    wy = turning[f, k, 1, n] + ty[p] * y + ty[2] * z
+                    wz = turning[f, k, 2, n] + tz[p] * y + tz[2] * z
+                    turning[f, k + 1, 0, n], turning[f, k + 1, 1, n], turning[f, k + 1, 2, n] = wx, wy, wz
+                    slope[f, k + 1, 0, n] = wy * t[2] - wz * t[1]
+                    slope[f, k + 1, 1, n] = wz * t[0] - wx * t[2]
+                    slope[f, k + 1, 2, n] = wx * t[1] - wy * t[0]
 
 
 @njit
-def mass_and_load(rod: Rod, motion: Motion, finger: int, gravity: float, work: Array, mass: Array, load: Array) -> None:
-    """Write the mass matrix (2 m, 2 m) [kg m2] and the load (2 m,) [N m] of gravity less velocity terms.
+def masses_and_loads(rod: Rod, motion: Motion, gravity: float, work: Array, mass: Array, load: Array) -> None:
+    """Write mass matrices (4, 2 m, 2 m) [kg m2] and loads (4, 2 m) [N m] of gravity less velocity terms of all muscles.
 
     ``gravity`` is along +z in the (accelerated) clamp frame. With J_k = dt_k/dq, a_k the acceleration of t_k while
     dq/dt is constant and the factor C of G: mass = Z^T Z, load = sum_k W_k g z^T J_k - Z^T C a, Z = C J.
@@ -262,38 +267,39 @@ def mass_and_load(rod: Rod, motion: Motion, finger: int, gravity: float, work: A
     """
     segments, modes, inertia, levers = rod.inertia.shape[0], rod.bends.shape[2], rod.inertia, rod.levers
     slope, acceleration = motion.slope, motion.acceleration
-    for k in range(segments):
-        ax, ay, az = 0.0, 0.0, 0.0
-        for n in range(k, segments):
-            share = inertia[k, n]
-            ax += share * acceleration[finger, n + 1, 0]
-            ay += share * acceleration[finger, n + 1, 1]
-            az += share * acceleration[finger, n + 1, 2]
-        work[modes, 3 * k], work[modes, 3 * k + 1], work[modes, 3 * k + 2] = ax, ay, az
-    for i in range(modes):
-        x, y, load_x, load_y = 2 * i, 2 * i + 1, 0.0, 0.0
+    for finger in range(load.shape[0]):
         for k in range(segments):
-            xx, yx, zx, xy, yy, zy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # rows of Z: axis, column
+            ax, ay, az = 0.0, 0.0, 0.0
             for n in range(k, segments):
                 share = inertia[k, n]
-                xx, xy = xx + share * slope[finger, n + 1, 0, x], xy + share * slope[finger, n + 1, 0, y]
-                yx, yy = yx + share * slope[finger, n + 1, 1, x], yy + share * slope[finger, n + 1, 1, y]
-                zx, zy = zx + share * slope[finger, n + 1, 2, x], zy + share * slope[finger, n + 1, 2, y]
-            work[i, 6 * k], work[i, 6 * k + 1], work[i, 6 * k + 2] = xx, xy, yx
-            work[i, 6 * k + 3], work[i, 6 * k + 4], work[i, 6 * k + 5] = yy, zx, zy
-            ax, ay, az = work[modes, 3 * k], work[modes, 3 * k + 1], work[modes, 3 * k + 2]
-            weight = gravity * levers[k]
-            load_x += weight * slope[finger, k + 1, 2, x] - xx * ax - yx * ay - zx * az
-            load_y += weight * slope[finger, k + 1, 2, y] - xy * ax - yy * ay - zy * az
-        load[x], load[y] = load_x, load_y
-        for j in range(i + 1):
-            xx, xy, yx, yy = 0.0, 0.0, 0.0, 0.0
-            for r in range(0, 6 * segments, 2):
-                ix, iy, jx, jy = work[i, r], work[i, r + 1], work[j, r], work[j, r + 1]
-                xx, xy, yx, yy = xx + ix * jx, xy + ix * jy, yx + iy * jx, yy + iy * jy
-            v, w = 2 * j, 2 * j + 1
-            mass[x, v], mass[x, w], mass[y, v], mass[y, w] = xx, xy, yx, yy
-            mass[v, x], mass[w, x], mass[v, y], mass[w, y] = xx, xy, yx, yy
+                ax += share * acceleration[finger, n + 1, 0]
+                ay += share * acceleration[finger, n + 1, 1]
+                az += share * acceleration[finger, n + 1, 2]
+            work[modes, 3 * k], work[modes, 3 * k + 1], work[modes, 3 * k + 2] = ax, ay, az
+        for i in range(modes):
+            x, y, load_x, load_y = 2 * i, 2 * i + 1, 0.0, 0.0
+            for k in range(segments):
+                xx, yx, zx, xy, yy, zy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # rows of Z: axis, column
+                for n in range(k, segments):
+                    share = inertia[k, n]
+                    xx, xy = xx + share * slope[finger, n + 1, 0, x], xy + share * slope[finger, n + 1, 0, y]
+                    yx, yy = yx + share * slope[finger, n + 1, 1, x], yy + share * slope[finger, n + 1, 1, y]
+                    zx, zy = zx + share * slope[finger, n + 1, 2, x], zy + share * slope[finger, n + 1, 2, y]
+                work[i, 6 * k], work[i, 6 * k + 1], work[i, 6 * k + 2] = xx, xy, yx
+                work[i, 6 * k + 3], work[i, 6 * k + 4], work[i, 6 * k + 5] = yy, zx, zy
+                ax, ay, az = work[modes, 3 * k], work[modes, 3 * k + 1], work[modes, 3 * k + 2]
+                weight = gravity * levers[k]
+                load_x += weight * slope[finger, k + 1, 2, x] - xx * ax - yx * ay - zx * az
+                load_y += weight * slope[finger, k + 1, 2, y] - xy * ax - yy * ay - zy * az
+            load[finger, x], load[finger, y] = load_x, load_y
+            for j in range(i + 1):
+                xx, xy, yx, yy = 0.0, 0.0, 0.0, 0.0
+                for r in range(0, 6 * segments, 2):
+                    ix, iy, jx, jy = work[i, r], work[i, r + 1], work[j, r], work[j, r + 1]
+                    xx, xy, yx, yy = xx + ix * jx, xy + ix * jy, yx + iy * jx, yy + iy * jy
+                v, w = 2 * j, 2 * j + 1
+                mass[finger, x, v], mass[finger, x, w], mass[finger, y, v], mass[finger, y, w] = xx, xy, yx, yy
+                mass[finger, v, x], mass[finger, w, x], mass[finger, v, y], mass[finger, w, y] = xx, xy, yx, yy
 
 
 @njit

@@ -8,7 +8,7 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.contact import contact_force, contact_table
 from mbpam_ros.plant.contact_config import ContactConfig
 from mbpam_ros.plant.contact_solver import NEWTON_LIMIT, VELOCITY_TOLERANCE, scratch, solve_contacts, solve_in_place
-from mbpam_ros.plant.rod import build_rod, mass_and_load, motion_at_rest, move_rod
+from mbpam_ros.plant.rod import build_rod, masses_and_loads, motion_at_rest, move_rods
 from mbpam_ros.plant.shapes import BOX, CYLINDER, SPHERE, signed_distance
 
 MODES = 2
@@ -38,10 +38,10 @@ def test_outside_a_solid_going_the_distance_against_the_gradient_ends_on_its_sur
 
 
 def mechanics(shape, rate):
-    motion, mass, load = motion_at_rest(1, MODES, 4), np.empty((2 * MODES, 2 * MODES)), np.empty(2 * MODES)
-    move_rod.py_func(shape, rate, ROD, motion, 0)  # not compiled: the helpers alone would have to be
-    mass_and_load.py_func(ROD, motion, 0, 9.81, np.empty((MODES + 1, 24)), mass, load)
-    return mass, load
+    motion, mass, load = motion_at_rest(1, MODES, 4), np.empty((1, 2 * MODES, 2 * MODES)), np.empty((1, 2 * MODES))
+    move_rods.py_func(shape[None], rate[None], ROD, motion)  # not compiled: the helpers alone would have to be
+    masses_and_loads.py_func(ROD, motion, 9.81, np.empty((MODES + 1, 24)), mass, load)
+    return mass[0], load[0]
 
 
 @given(bends, bends, st.floats(-np.pi, np.pi))

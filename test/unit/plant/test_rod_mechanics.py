@@ -16,9 +16,9 @@ from mbpam_ros.plant.rod import (
     ball_jacobian,
     ball_position,
     build_rod,
-    mass_and_load,
+    masses_and_loads,
     motion_at_rest,
-    move_rod,
+    move_rods,
     position_weights,
     stumpff,
 )
@@ -37,16 +37,16 @@ def moved(shape, rate=None, segments=5):
     """Rod and motion of one muscle with these coordinates."""
     shape = np.asarray(shape, dtype=float)
     rod, motion = build_rod(GEOMETRY, len(shape) // 2, segments, 27), motion_at_rest(1, len(shape) // 2, segments)
-    move_rod.py_func(shape, np.zeros_like(shape) if rate is None else rate, rod, motion, 0)
+    move_rods.py_func(shape[None], (0.0 * shape if rate is None else np.asarray(rate))[None], rod, motion)
     return rod, motion
 
 
 def mechanics(shape, rate=None, gravity=0.0, segments=5):
     rod, motion = moved(shape, rate, segments)
     size = motion.slope.shape[3]
-    mass, load = np.empty((size, size)), np.empty(size)
-    mass_and_load.py_func(rod, motion, 0, gravity, np.empty((size // 2 + 1, 6 * segments)), mass, load)
-    return mass, load
+    mass, load = np.empty((1, size, size)), np.empty((1, size))
+    masses_and_loads.py_func(rod, motion, gravity, np.empty((size // 2 + 1, 6 * segments)), mass, load)
+    return mass[0], load[0]
 
 
 def finely_integrated(shape):
