@@ -38,6 +38,7 @@ from mbpam_ros.plant.contact_search import (
     FINGER_SUPPORT,
     OBJECT_PALM,
     OBJECT_SUPPORT,
+    Places,
     Surroundings,
     find_contacts,
     places,
@@ -277,6 +278,30 @@ def _sum_forces(contacts: Contacts, forces: Forces) -> None:
                 forces.palm[i] += contacts.force[c, i]
 
 
+@njit
+def _touch(
+    state: State, system: System, drive: Drive, step: int, motion: Motion, spots: Places, rotation: Array, theta: Array,
+    first: NDArray[np.int64], contacts: Contacts,
+) -> bool:  # fmt: skip
+    """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
+    around, muscles = system.surroundings, state.shape.shape[0]
+    if around.shape >= 0 or around.table_in_reach:
+        rotation_matrix(state.orientation, rotation)
+        find_contacts(
+            system.bases, system.rod, motion, around, state.position, rotation, drive.heights[step],
+            drive.rates[step + 1], spots, contacts,
+        )  # fmt: skip
+    touching = contacts.count[0] > 0
+    theta[:] = 0.5
+    for c in range(contacts.count[0]):
+        theta[contacts.finger[c]] = 1.0  # -1, none: the object's, which is the last
+        if contacts.kind[c] != FINGER_SUPPORT:
+            theta[-1] = 1.0
+    for i in range(muscles, state.velocity.shape[0]):
+        first[i] = 0 if touching else muscles
+    return touching
+
+
 @njit(inline="always")  # compiled as part of its one caller only
 def _advance(
     state: State, drive: Drive, system: System, contacts: Contacts, motion: Motion, forces: Forces
@@ -284,58 +309,51 @@ def _advance(
     """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps."""
     steps, size, muscles = drive.heights.shape[0] - 1, state.velocity.shape[0], state.shape.shape[0]
     fingers = system.bases.shape[0]
-    h, around, v = system.step_s, system.surroundings, state.velocity
+    h, v = system.step_s, state.velocity
     a, b, start = np.zeros((size, size)), np.zeros(size), np.zeros(size)
     theta, rotation, middle, turn = np.empty(fingers + 1), np.eye(3), np.zeros(4), np.zeros(3)
     coordinates = muscles // fingers
-    room, spots, equations = _room(system.rod, fingers), places(around), scratch(size, coordinates, fingers)
+    room, spots, equations = (
+        _room(system.rod, fingers),
+        places(system.surroundings),
+        scratch(size, coordinates, fingers),
+    )
     iterations = 0
     contacts.count[0] = 0
-    for step in range(steps):
+    for step in range(steps + 1):
         for i in range(size):
             start[i] = v[i]
-        _move_muscles(state, start, system, 0.0, motion, room)
-        if around.shape >= 0 or around.table_in_reach:
-            rotation_matrix(state.orientation, rotation)
-            find_contacts(
-                system.bases, system.rod, motion, around, state.position, rotation, drive.heights[step],
-                drive.rates[step + 1], spots, contacts,
-            )  # fmt: skip
-        touching = contacts.count[0] > 0
-        theta[:] = 0.5
-        for c in range(contacts.count[0]):
-            theta[contacts.finger[c]] = 1.0  # -1, none: the object's, which is the last
-            if contacts.kind[c] != FINGER_SUPPORT:
-                theta[fingers] = 1.0
-        for i in range(muscles, size):
-            equations.first[i] = 0 if touching else muscles
-        blend = (step + 0.5) / steps
-        gravity = system.gravity + (drive.rates[step + 1] - drive.rates[step]) / h
-        # Later sweeps take masses and loads at the midpoint that the one before found; in contact one is as good.
-        for sweep in range(1 if touching else system.sweeps):
-            if sweep > 0:
-                _move_muscles(state, start, system, 0.5, motion, room)
+        touching = False
+        # The first sweep is at the start, later ones are at the midpoint that the one before found.
+        for sweep in range(system.sweeps):
+            share = 0.5 if sweep > 0 else 0.0
+            _move_muscles(state, start, system, share, motion, room)
+            if step == steps:  # nothing left but to know the motion at the end
+                break
+            if sweep == 0:
+                touching = _touch(state, system, drive, step, motion, spots, rotation, theta, equations.first, contacts)
+            blend = (step + 0.5) / steps
+            gravity = system.gravity + (drive.rates[step + 1] - drive.rates[step]) / h
             _muscle_equations(state, start, system, drive, blend, gravity, theta, motion, room, a, b)
             if size > muscles:
-                _object_equations(state, start, system, 0.5 * sweep, rotation, middle, a, b)
+                _object_equations(state, start, system, share, rotation, middle, a, b)
             if touching:
                 left, count = solve_contacts(a, b, v, h, system.laws, contacts, equations)
                 iterations = max(iterations, count)
                 if not left < SOLVED_M_S:
                     return NOT_SOLVED, iterations
-            else:
-                if not solve_in_place(a, b, equations.first):
-                    return NOT_FINITE, iterations
-                moved = 0.0
-                for i in range(size):
-                    moved = max(moved, abs(b[i] - v[i]))
-                    v[i] = b[i]
-                if moved < FOUND_RAD_S:
-                    break
-        answer = _move(state, start, h, theta, turn)
+                break  # contact is of first order: the midpoint would not help
+            if not solve_in_place(a, b, equations.first):
+                return NOT_FINITE, iterations
+            moved = 0.0
+            for i in range(size):
+                moved = max(moved, abs(b[i] - v[i]))
+                v[i] = b[i]
+            if moved < FOUND_RAD_S:
+                break
+        answer = _move(state, start, h, theta, turn) if step < steps else OK
         if answer != OK:
             return answer, iterations
-    _move_muscles(state, v, system, 0.0, motion, room)
     _sum_forces(contacts, forces)
     return OK, iterations
 
