@@ -33,7 +33,7 @@ MOST_MODES = 6
 """More are not resolved: a mode of higher degree bends less than the law of the rod is known."""
 
 _DAMPED_S, _UNDAMPED_SWEEPS = 1e-3, 30
-_FREE_MODES, _CONTACT_MODES = 2, 3
+_FREE_MODES, _CONTACT_MODES, _FEWEST_SEGMENTS = 2, 3, 4
 _REASONS = {
     multibody.NOT_FINITE: "a velocity is no longer finite",
     multibody.ABSURD: (
@@ -60,7 +60,7 @@ class RodTier(Tier):
         # A table out of reach of a muscle that hangs straight is out of reach of all.
         table_in_reach = bool(len(planes) and planes[-1, 0] < setup.geometry.length_m)
         modes = self._modes(may_touch=body is not None or table_in_reach)
-        segments = max(4, modes + 2)
+        segments = max(_FEWEST_SEGMENTS, modes + 2)
         kinds = (config.finger_object, config.object_support, config.finger_support, config.object_support)
         shape, half, mass, inertia = -1, np.zeros(3), 0.0, np.zeros(3)
         if body is not None:

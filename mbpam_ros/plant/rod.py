@@ -20,7 +20,7 @@ Positions, mass and gravity: tangents between the Lobatto points are the polynom
 have those of their neighbours. So every position is a fixed sum of tangents, p(s) = sum_k w_k(s) t_k, and so are
 
     kinetic energy    1/2 sum_kl G_kl dt_k/dt . dt_l/dt,   G = rho integral w(s) w(s)^T ds,  integrated exactly
-    gravity's         -g sum_k W_k t_k,z,                  W = rho integral w(s) ds
+    energy in gravity -g sum_k W_k t_k,z,                  W = rho integral w(s) ds
 
 (rho: mass per length; turning inertia of the sections is neglected, 1 % of the tip's). All velocities, forces and
 velocity terms come from the exact derivatives of these sums with respect to q: the discrete muscle has a Lagrangian of
@@ -90,7 +90,8 @@ class Motion(NamedTuple):
 def build_rod(geometry: MuscleGeometry, modes: int, segments: int, balls: int) -> Rod:
     """Return the rod with ``modes`` modes a plane and ``segments`` segments.
 
-    Balls of the muscle's radius stand evenly along it, the last one a radius before its end.
+    At 170 deg, four segments place the tip to 0.05 % and have the mass matrix to 3e-4; each one more is ten times as
+    good. ``balls`` of the muscle's radius stand evenly along it, the last one a radius before its end.
     """
     shares = 0.5 * (1.0 + _lobatto_points(segments))
     widths = np.diff(shares)
@@ -200,8 +201,8 @@ def _sum(r: float, a: Vector, s: float, b: Vector, t: float, c: Vector) -> Vecto
 def move_rods(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
     """Write the motion of all muscles with coordinates q and their rates, shapes (4, 2 m).
 
-    A segment turns at T do/dt seen from its start, T = 1 + c_2 [o] + c_3 [o]^2; with r = dT/dt do/dt + T d2o/dt2 for
-    the part of its turning acceleration that is there while dq/dt is constant.
+    A segment turns at T do/dt seen from its start, T = 1 + c_2 [o] + c_3 [o]^2, and while dq/dt is constant this grows
+    at dT/dt do/dt + T d2o/dt2; only the Magnus term, along z, has a second derivative then.
     """
     bends, modes = rod.bends, rod.bends.shape[2]
     tangent, acceleration, turning, slope = motion.tangent, motion.acceleration, motion.turning, motion.slope
@@ -228,7 +229,7 @@ def move_rods(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
             ax, ay, az = _cross(rx, o), _cross(ry, o), _cross(rz, o)
             bx, by, bz = _cross(ax, o), _cross(ay, o), _cross(az, o)
             tx, ty, tz = _sum(1.0, rx, c2, ax, c3, bx), _sum(1.0, ry, c2, ay, c3, by), _sum(1.0, rz, c2, az, c3, bz)
-            # dT/dt do/dt, with dc_k/du = (k c_{k+2} - c_{k+1}) / 2
+            # r = dT/dt do/dt, with dc_k/du = (k c_{k+2} - c_{k+1}) / 2
             e = _cross(o, do)
             r = _sum(c3, _cross(do, e), 0.5 * (2.0 * c4 - c3) * du, e, 0.5 * (3.0 * c5 - c4) * du, _cross(o, e))
             own = (_dot(tx, do), _dot(ty, do), _dot(tz, do))

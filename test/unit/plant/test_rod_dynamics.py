@@ -230,3 +230,21 @@ def test_the_bend_goes_on_beyond_half_a_turn():
     moment = 1.2 * np.pi * STIFFNESS / GEOMETRY.active_length_m * INWARD
     bend = at_rest(3, moment, gravity=0.0).state().bend_rad
     np.testing.assert_allclose(bend, 1.2 * np.pi * INWARD, atol=1e-5)
+
+
+@pytest.mark.parametrize("step_s", [1e-4, 1e-2, 0.3])
+@pytest.mark.parametrize("mass_kg", [0.001, 10.0])
+@pytest.mark.parametrize("stiffness_n_m", [10.0, 1e8])
+def test_a_grasp_with_any_step_mass_and_contact_stiffness_ends_finite_or_in_a_typed_error(
+    step_s, mass_kg, stiffness_n_m
+):
+    kind = dataclasses.replace(CONFIG.finger_object, stiffness_n_m=stiffness_n_m)
+    body = dataclasses.replace(BULB, mass_kg=mass_kg)
+    rod = tier(3, step_s, body=body, planes=TABLE, config=dataclasses.replace(CONFIG, finger_object=kind))
+    try:
+        advance(rod, actuation([0, 0]), actuation(0.05 * INWARD), max(0.2, 3 * step_s), step_s)
+    except PlantDivergedError as error:
+        assert "sub_step_s" in str(error)
+    state = rod.state()
+    for value in (state.bend_rad, state.centreline_m, state.finger_force_n, state.body.position_m):
+        assert np.isfinite(value).all()
