@@ -185,13 +185,12 @@ def _move_muscles(state: State, start: Array, system: System, share: float, moti
 
 @njit
 def _muscle_equations(
-    state: State, start: Array, system: System, drive: Drive, blend: float, gravity: float, theta: Array,
-    motion: Motion, room: _Room, a: Array, b: Array,
+    state: State, start: Array, system: System, drive: Drive, blend: float, theta: Array, room: _Room,
+    a: Array, b: Array,
 ) -> None:  # fmt: skip
-    """Write the muscles' rows of a v = b; masses and loads are those of ``motion``."""
+    """Write the muscles' rows of a v = b with the masses and loads in ``room``."""
     h, eta, springs = system.step_s, system.retardation, system.rod.springs
     fingers, size = room.shape.shape
-    masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
     for f in range(fingers):
         stiffness = h * ((1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f])
         t, first = theta[f], f * size
@@ -279,13 +278,19 @@ def _sum_forces(contacts: Contacts, forces: Forces) -> None:
 
 
 @njit
+def _may_touch(around: Surroundings) -> bool:
+    """Whether there is anything that a muscle may reach, or an object that may touch something else."""
+    return around.shape >= 0 or around.table_in_reach
+
+
+@njit
 def _touch(
     state: State, system: System, drive: Drive, step: int, motion: Motion, spots: Places, rotation: Array, theta: Array,
     first: NDArray[np.int64], contacts: Contacts,
 ) -> bool:  # fmt: skip
     """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
     around, muscles = system.surroundings, state.shape.shape[0]
-    if around.shape >= 0 or around.table_in_reach:
+    if _may_touch(around):
         rotation_matrix(state.orientation, rotation)
         find_contacts(
             system.bases, system.rod, motion, around, state.position, rotation, drive.heights[step],
@@ -318,23 +323,29 @@ def _advance(
         places(system.surroundings),
         scratch(size, coordinates, fingers),
     )
+    in_reach = _may_touch(system.surroundings)
     iterations = 0
     contacts.count[0] = 0
     for step in range(steps + 1):
         for i in range(size):
             start[i] = v[i]
         touching = False
-        # The first sweep is at the start, later ones are at the midpoint that the one before found.
+        # The first sweep is at the start, or, where nothing is in reach, with what the step before saw at its midpoint.
+        # Later ones are at the midpoint that the one before found.
         for sweep in range(system.sweeps):
             share = 0.5 if sweep > 0 else 0.0
-            _move_muscles(state, start, system, share, motion, room)
+            anew = in_reach or sweep > 0 or step == 0 or step == steps
+            if anew:
+                _move_muscles(state, start, system, share, motion, room)
             if step == steps:  # nothing left but to know the motion at the end
                 break
             if sweep == 0:
                 touching = _touch(state, system, drive, step, motion, spots, rotation, theta, equations.first, contacts)
             blend = (step + 0.5) / steps
             gravity = system.gravity + (drive.rates[step + 1] - drive.rates[step]) / h
-            _muscle_equations(state, start, system, drive, blend, gravity, theta, motion, room, a, b)
+            if anew:
+                masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
+            _muscle_equations(state, start, system, drive, blend, theta, room, a, b)
             if size > muscles:
                 _object_equations(state, start, system, share, rotation, middle, a, b)
             if touching:
