@@ -92,8 +92,10 @@ def _muscle_contacts(
     """
     tangent, balls = motion.tangent[finger], rod.balls.shape[0]
     sign = 1.0 if shape == PLANE else -1.0  # what is pushed: the muscle by a plane, or the object by the muscle
-    k = 0
-    while k < balls:
+    nearest = 0  # the next ball that may touch
+    for k in range(balls):
+        if k < nearest:
+            continue
         x, y, z = ball_position(rod, tangent, k)
         x, y, z = x + base[0] - centre[0], y + base[1] - centre[1], z + base[2] - centre[2]
         distance, gx, gy, gz = signed_distance(
@@ -105,7 +107,7 @@ def _muscle_contacts(
         )
         depth = rod.radius - distance
         if depth <= 0.0:
-            k += max(1, math.ceil(-depth / rod.spacing))
+            nearest = k + math.ceil(-depth / rod.spacing)
             continue
         nx = rotation[0, 0] * gx + rotation[0, 1] * gy + rotation[0, 2] * gz
         ny = rotation[1, 0] * gx + rotation[1, 1] * gy + rotation[1, 2] * gz
@@ -122,7 +124,6 @@ def _muscle_contacts(
         ball_jacobian(rod, motion, finger, k, sign, (arm * nx, arm * ny, arm * nz), jacobian)
         if shape != PLANE:
             _object_columns(x + arm * nx, y + arm * ny, z + arm * nz, jacobian)
-        k += 1
 
 
 @njit
