@@ -9,7 +9,6 @@ import time
 from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, run  # isort: skip
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from numpy.typing import NDArray
 from rclpy.clock import Clock as RosClock
 from rclpy.clock import ClockType
 from rosgraph_msgs.msg import Clock
@@ -18,7 +17,6 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
-from mbpam_ros.actuator.kinematics import centreline
 from mbpam_ros.actuator.planar_rod import RodSolutionError
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
@@ -38,7 +36,7 @@ PARAMETERS = (
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: supply, valves, chambers, transducers"),
     Parameter("camera", "camera.yaml", "camera file: resolution, lens and pose"),
     Parameter("scene", "bulb", "scene: a name of config/scenes or a file"),
-    Parameter("tier", "", "static or arc; empty: as the scene says"),
+    Parameter("tier", "", "static, arc or rod; empty: as the scene says"),
     Parameter("seed", 0, "seed of all noise", 0, 2**31 - 1),
     Parameter("rate_hz", 100.0, "rate of transducers and of the plant's ticks [Hz]", 10.0, 1000.0),
     Parameter("camera_rate_hz", 5.0, "rate of camera images [Hz]; 0: no camera", 0.0, 60.0),
@@ -52,7 +50,6 @@ PARAMETERS = (
 SLOW_FACTOR = 0.95
 """Below this part of real time the health report warns."""
 
-CENTRELINE_POINTS = 14
 FINGER_RGB = (0.80, 0.82, 0.84)
 PALM_SIZE_M = (0.12, 0.12, 0.01)
 
@@ -66,7 +63,6 @@ class PlantNode(GripperNode):
         self._scene = self._load_scene()
         self._plant = self._build_plant()
         self._dt_s = 1.0 / self.value("rate_hz")
-        self._arc_length_m = np.linspace(0.0, self._gripper.geometry.length_m, CENTRELINE_POINTS)
         self._spool = np.zeros(CHANNEL_COUNT)
         self._commanded_at_s = -np.inf
         self._before_reset_s = 0.0
@@ -176,7 +172,7 @@ class PlantNode(GripperNode):
         observation = self._plant.observe()
         if self._camera is not None:
             if self._ticks % self._camera_every == 0:
-                self._camera.expose(observation, self._centrelines(observation), self._stamp)
+                self._camera.expose(observation, self._stamp)
             self._camera.publish_finished(wait=self._lock_step)
         if self._ticks % self._markers_every == 0 and self._markers.get_subscription_count() > 0:
             self._publish_markers(observation)
@@ -188,15 +184,10 @@ class PlantNode(GripperNode):
 
     # Truth
 
-    def _centrelines(self, observation: Observation) -> NDArray[np.float64]:
-        """Centre lines of the fingers in ``gripper_base``, shape (4, n, 3) [m]."""
-        lines = centreline(observation.bend_rad, self._gripper.geometry, self._arc_length_m)
-        return lines + self._gripper.finger_base_m[:, None, :]
-
     def _publish_markers(self, observation: Observation) -> None:
         rise = np.array([0.0, 0.0, -observation.hand_lift_m])
         radius_m = self._gripper.geometry.outer_radius_m
-        markers = finger_markers(self._stamp, WORLD_FRAME, self._centrelines(observation) + rise, radius_m, FINGER_RGB)
+        markers = finger_markers(self._stamp, WORLD_FRAME, observation.centreline_m + rise, radius_m, FINGER_RGB)
         upright = (0.0, 0.0, 0.0, 1.0)
         palm = rise - (0.0, 0.0, PALM_SIZE_M[2] / 2.0)
         grey = colour((0.3, 0.3, 0.3))

@@ -19,7 +19,7 @@ from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
 
 OPTICAL_FRAME = "camera_optical"
 DEFAULT_FLOOR_DEPTH_M = 0.5
-STILL_BEND_RAD = 1e-3
+STILL_TURN_RAD = 1e-3
 STILL_DISTANCE_M = 1e-4
 
 
@@ -49,12 +49,8 @@ class PlantCamera:
         self._last_pose: NDArray[np.float64] | None = None
         self._last_data: array.array | None = None
 
-    def expose(self, observation: Observation, centreline_m: NDArray[np.float64], stamp: Time) -> None:
-        """Start a frame of what is seen now, unless nobody looks or the last frame is not finished.
-
-        Args:
-            centreline_m: of the fingers in ``gripper_base``, shape (4, n, 3).
-        """
+    def expose(self, observation: Observation, stamp: Time) -> None:
+        """Start a frame of what is seen now, unless nobody looks or the last frame is not finished."""
         if self._images.get_subscription_count() == 0 or self._exposure is not None:
             return
         pose = _pose_vector(observation)
@@ -62,8 +58,7 @@ class PlantCamera:
             self._publish(self._last_data, stamp)
             return
         self._last_pose = pose
-        view = self._view(observation, centreline_m)
-        self._exposure = self._thread.submit(self._renderer.render, view, self._rng), stamp
+        self._exposure = self._thread.submit(self._renderer.render, self._view(observation), self._rng), stamp
 
     def publish_finished(self, wait: bool) -> None:
         """Publish the frame begun before if it is finished, or once it is (``wait``)."""
@@ -83,7 +78,7 @@ class PlantCamera:
         self._infos.publish(self._info)
         self._images.publish(image)
 
-    def _view(self, observation: Observation, centreline_m: NDArray[np.float64]) -> SceneView:
+    def _view(self, observation: Observation) -> SceneView:
         """The scene in ``gripper_base``; the support sinks when the hand is raised."""
         rise_m = observation.hand_lift_m
         support = self._scene.config.support
@@ -104,7 +99,7 @@ class PlantCamera:
         return SceneView(
             support_depth_m=depth_m,
             solids=solids,
-            finger_centrelines_m=centreline_m,
+            finger_centrelines_m=observation.centreline_m,
             finger_radius_m=self._finger_radius_m,
             **stand,
         )
@@ -122,10 +117,10 @@ def _camera_info(intrinsics: object) -> CameraInfo:
 
 def _pose_vector(observation: Observation) -> NDArray[np.float64]:
     """Everything the view depends on, scaled so that 1 is a change worth a new frame."""
-    parts = [observation.bend_rad.ravel() / STILL_BEND_RAD, [observation.hand_lift_m / STILL_DISTANCE_M]]
+    parts = [observation.centreline_m.ravel() / STILL_DISTANCE_M, [observation.hand_lift_m / STILL_DISTANCE_M]]
     if observation.object_in_gripper is not None:
         parts.append(observation.object_in_gripper.position_m / STILL_DISTANCE_M)
-        parts.append(observation.object_in_gripper.orientation_xyzw / STILL_BEND_RAD)
+        parts.append(observation.object_in_gripper.orientation_xyzw / STILL_TURN_RAD)
     return np.concatenate(parts)
 
 

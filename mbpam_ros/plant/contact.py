@@ -32,7 +32,8 @@ class Contacts(NamedTuple):
     Args:
         count: how many rows are in use, shape (1,).
         depth, share: d and w, shape (n,).
-        normal, jacobian: N and J, shapes (n, 3) and (n, 6, 8); columns: the finger's two bends, the object's six.
+        normal, jacobian: N and J, shapes (n, 3) and (n, 6, D + 6); columns: the
+            finger's D coordinates, the object's six.
         rise: part of the relative velocity along z that is the hand's, shape (n,).
         finger: which takes part; -1 for none.
         kind: row of the table of laws.
@@ -53,14 +54,14 @@ class Contacts(NamedTuple):
     push: Array
 
 
-def contact_table(size: int) -> Contacts:
-    """Return a table with room for ``size`` contacts."""
+def contact_table(size: int, coordinates: int) -> Contacts:
+    """Return a table with room for ``size`` contacts of fingers with ``coordinates`` D each."""
     return Contacts(
         count=np.zeros(1, np.int64),
         depth=np.zeros(size),
         share=np.zeros(size),
         normal=np.zeros((size, 3)),
-        jacobian=np.zeros((size, 6, 8)),
+        jacobian=np.zeros((size, 6, coordinates + 6)),
         rise=np.zeros(size),
         finger=np.zeros(size, np.int64),
         kind=np.zeros(size, np.int64),

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mbpam_ros.plant.contact import Contacts
-from mbpam_ros.plant.finger import Muscle, station, station_jacobian
+from mbpam_ros.plant.rod import Motion, Rod, ball_jacobian, ball_position
 from mbpam_ros.plant.shapes import PLANE, REST_POINTS, rest_points, signed_distance
 
 Array = NDArray[np.float64]
@@ -46,6 +46,24 @@ class Surroundings(NamedTuple):
     table_in_reach: bool
 
 
+class Places(NamedTuple):
+    """Where fingers and planes are: a clamp (3,), the table's origin (3,) and axes (3, 3), and room for rest points."""
+
+    base: Array
+    plane: Array
+    level: Array
+    points: Array
+
+
+@njit
+def places(around: Surroundings) -> Places:
+    """Return the places of the surroundings; clamp and rest points are to be written."""
+    plane = np.zeros(3)
+    if around.table_in_reach:
+        plane[2] = around.planes[-1, 0]
+    return Places(np.empty(3), plane, np.eye(3), np.empty((REST_POINTS, 3)))
+
+
 def contact_limit(fingers: int, planes: int) -> int:
     """Return the most contacts that can be."""
     return 2 * BALLS * fingers + REST_POINTS * (planes + 1)
@@ -53,30 +71,32 @@ def contact_limit(fingers: int, planes: int) -> int:
 
 @njit
 def _object_columns(x: float, y: float, z: float, jacobian: Array) -> None:
-    """Write the velocity at (x, y, z) from a body's centre into columns 2 to 7 of ``jacobian`` (6, 8)."""
+    """Write the velocity at (x, y, z) from a body's centre into the last six columns of ``jacobian`` (6, D + 6)."""
+    d = jacobian.shape[1] - 6
     for i in range(3):
-        jacobian[i, 2 + i] = 1.0
-        jacobian[3 + i, 5 + i] = 1.0
-    jacobian[0, 6], jacobian[0, 7] = z, -y
-    jacobian[1, 5], jacobian[1, 7] = -z, x
-    jacobian[2, 5], jacobian[2, 6] = y, -x
+        jacobian[i, d + i] = 1.0
+        jacobian[3 + i, d + 3 + i] = 1.0
+    jacobian[0, d + 4], jacobian[0, d + 5] = z, -y
+    jacobian[1, d + 3], jacobian[1, d + 5] = -z, x
+    jacobian[2, d + 3], jacobian[2, d + 4] = y, -x
 
 
 @njit
 def _muscle_contacts(
-    bx: float, by: float, muscle: Muscle, base: Array, shape: int, half: Array, centre: Array, rotation: Array,
+    rod: Rod, motion: Motion, finger: int, base: Array, shape: int, half: Array, centre: Array, rotation: Array,
     contacts: Contacts,
 ) -> None:  # fmt: skip
     """Append the contacts of one muscle with one solid.
 
     The distance changes by no more than the arc length: far from the solid, balls are left out.
     """
-    spacing = (2.0 * muscle.end_length + muscle.active_length - muscle.radius) / (BALLS - 1)
+    tangent, balls = motion.tangent[finger], rod.balls.shape[0]
     sign = 1.0 if shape == PLANE else -1.0  # what is pushed: the muscle by a plane, or the object by the muscle
-    k = 0
-    while k < BALLS:
-        s = k * spacing
-        x, y, z = station(bx, by, muscle, s)
+    nearest = 0  # the next ball that may touch
+    for k in range(balls):
+        if k < nearest:
+            continue
+        x, y, z = ball_position(rod, tangent, k)
         x, y, z = x + base[0] - centre[0], y + base[1] - centre[1], z + base[2] - centre[2]
         distance, gx, gy, gz = signed_distance(
             shape,
@@ -85,34 +105,33 @@ def _muscle_contacts(
             rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z,
             rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z,
         )
-        depth = muscle.radius - distance
+        depth = rod.radius - distance
         if depth <= 0.0:
-            k += max(1, math.ceil(-depth / spacing))
+            nearest = k + math.ceil(-depth / rod.spacing)
             continue
         nx = rotation[0, 0] * gx + rotation[0, 1] * gy + rotation[0, 2] * gz
         ny = rotation[1, 0] * gx + rotation[1, 1] * gy + rotation[1, 2] * gz
         nz = rotation[2, 0] * gx + rotation[2, 1] * gy + rotation[2, 2] * gz
-        arm = -0.5 * (distance + muscle.radius)  # the point half-way between the two surfaces
+        arm = -0.5 * (distance + rod.radius)  # the point half-way between the two surfaces
         n = contacts.count[0]
         contacts.count[0] = n + 1
         contacts.depth[n] = depth
         # The length about the ball, over the radius; the rounded tip counts as one radius more.
-        length = spacing if 0 < k < BALLS - 1 else 0.5 * spacing
-        contacts.share[n] = length / muscle.radius + (1.0 if k == BALLS - 1 else 0.0)
+        length = rod.spacing if 0 < k < balls - 1 else 0.5 * rod.spacing
+        contacts.share[n] = length / rod.radius + (1.0 if k == balls - 1 else 0.0)
         normal, jacobian = contacts.normal[n], contacts.jacobian[n]
         normal[0], normal[1], normal[2] = sign * nx, sign * ny, sign * nz
-        station_jacobian(bx, by, muscle, s, sign, arm * nx, arm * ny, arm * nz, jacobian)
+        ball_jacobian(rod, motion, finger, k, sign, (arm * nx, arm * ny, arm * nz), jacobian)
         if shape != PLANE:
             _object_columns(x + arm * nx, y + arm * ny, z + arm * nz, jacobian)
-        k += 1
 
 
 @njit
 def _rest_contacts(
-    around: Surroundings, centre: Array, rotation: Array, lift: float, hand_velocity: float, contacts: Contacts
-) -> None:
+    around: Surroundings, centre: Array, rotation: Array, lift: float, hand_velocity: float, points: Array,
+    contacts: Contacts,
+) -> None:  # fmt: skip
     """Append the contacts of the object with its supports and the palm."""
-    points = np.empty((REST_POINTS, 3))
     for p in range(around.planes.shape[0] + 1):
         palm = p == around.planes.shape[0]
         foot_x = np.inf if palm else around.planes[p, 1]
@@ -138,13 +157,11 @@ def _rest_contacts(
 
 @njit
 def find_contacts(
-    bend: Array, bases: Array, muscle: Muscle, around: Surroundings, centre: Array, rotation: Array,
-    lift: float, hand_velocity: float, contacts: Contacts,
+    bases: Array, rod: Rod, motion: Motion, around: Surroundings, centre: Array, rotation: Array,
+    lift: float, hand_velocity: float, room: Places, contacts: Contacts,
 ) -> None:  # fmt: skip
     """Fill the table from the configuration at the start of a sub-step."""
-    base, level, plane_centre = np.empty(3), np.eye(3), np.zeros(3)
-    if around.table_in_reach:
-        plane_centre[2] = around.planes[-1, 0]
+    base = room.base
     contacts.count[0] = 0
     for f in range(bases.shape[0]):
         base[0], base[1], base[2] = bases[f, 0], bases[f, 1], bases[f, 2] - lift
@@ -154,11 +171,11 @@ def find_contacts(
                 continue
             shape, place, turn = around.shape, centre, rotation
             if not on_object:
-                shape, place, turn = PLANE, plane_centre, level
+                shape, place, turn = PLANE, room.plane, room.level
             first = contacts.count[0]
-            _muscle_contacts(bend[2 * f], bend[2 * f + 1], muscle, base, shape, around.half, place, turn, contacts)
+            _muscle_contacts(rod, motion, f, base, shape, around.half, place, turn, contacts)
             for c in range(first, contacts.count[0]):
                 contacts.finger[c], contacts.kind[c] = f, kind
                 contacts.rise[c] = hand_velocity if on_object else -hand_velocity
     if around.shape >= 0:
-        _rest_contacts(around, centre, rotation, lift, hand_velocity, contacts)
+        _rest_contacts(around, centre, rotation, lift, hand_velocity, room.points, contacts)

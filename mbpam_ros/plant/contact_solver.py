@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -19,106 +19,145 @@ VELOCITY_TOLERANCE = 1e-8
 
 
 @njit
-def solve_in_place(a: Array, b: Array) -> bool:
+def solve_in_place(a: Array, b: Array, first: NDArray[np.int64]) -> bool:
     """Solve a x = b for a symmetric positive definite matrix; x ends in b. Returns False if it is none.
 
-    Cholesky's L L^T; only the lower half of a is read, and overwritten by L.
+    L D L^T inside the envelope: row i is zero before column ``first[i]``, and so is that of L. Only the lower half of a
+    is read, and overwritten by L and the inverse of D.
     """
     n = b.shape[0]
-    for j in range(n):
-        for i in range(j, n):
+    for i in range(n):
+        pivot, right = a[i, i], b[i]
+        for j in range(first[i], i):
             total = a[i, j]
-            for k in range(j):
-                total -= a[i, k] * a[j, k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                a[j, j] = math.sqrt(total)
-            else:
-                a[i, j] = total / a[j, j]
-        total = b[j]
-        for k in range(j):
-            total -= a[j, k] * b[k]
-        b[j] = total / a[j, j]
-    for j in range(n - 1, -1, -1):
-        for k in range(j + 1, n):
-            b[j] -= a[k, j] * b[k]
-        b[j] /= a[j, j]
+            for k in range(max(first[i], first[j]), j):
+                total -= a[i, k] * a[j, k]  # (L D) of row i, L of row j
+            a[i, j] = total
+        for j in range(first[i], i):
+            scaled = a[i, j] * a[j, j]
+            pivot -= a[i, j] * scaled
+            right -= scaled * b[j]
+            a[i, j] = scaled
+        if not pivot > 0.0:
+            return False
+        a[i, i], b[i] = 1.0 / pivot, right
+    for i in range(n):
+        b[i] *= a[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(first[i], i):
+            b[k] -= a[i, k] * b[i]
     return True
 
 
+class Scratch(NamedTuple):
+    """Room for the solution: (n, n), three of (n,), (2, 3, 3), and the envelope (n,) of the equations."""
+
+    hessian: Array
+    residual: Array
+    step: Array
+    trial: Array
+    slope: Array
+    first: NDArray[np.int64]
+
+
 @njit
-def _residual(a: Array, b: Array, v: Array, h: float, laws: Array, contacts: Contacts, residual: Array) -> None:
+def scratch(size: int, coordinates: int, fingers: int) -> Scratch:
+    """Return room for ``size`` equations, those of the fingers first; fingers meet only the object."""
+    first = np.zeros(size, np.int64)
+    for i in range(fingers * coordinates):
+        first[i] = i // coordinates * coordinates
+    return Scratch(np.empty((size, size)), np.empty(size), np.empty(size), np.empty(size), np.empty((2, 3, 3)), first)
+
+
+@njit
+def _columns(contacts: Contacts, c: int, size: int) -> tuple[int, int, int, int]:
+    """Return the columns of the Jacobian from and to which a contact acts, and where its two parts go in the system."""
+    coordinates = contacts.jacobian.shape[2] - 6
+    start = 0 if contacts.finger[c] >= 0 else coordinates
+    stop = coordinates if contacts.kind[c] == FINGER_SUPPORT else coordinates + 6
+    return start, stop, coordinates * contacts.finger[c], size - 6 - coordinates
+
+
+@njit
+def _residual(
+    a: Array, b: Array, v: Array, h: float, laws: Array, contacts: Contacts, first: NDArray[np.int64], residual: Array
+) -> None:
     """Write a v - b - h sum J^T F(J v), and velocities and forces of the contacts."""
-    for i in range(v.shape[0]):
-        residual[i] = -b[i]
-        for j in range(v.shape[0]):
+    size, coordinates = v.shape[0], contacts.jacobian.shape[2] - 6
+    for i in range(size):
+        residual[i] = a[i, i] * v[i] - b[i]
+        for j in range(first[i], i):
             residual[i] += a[i, j] * v[j]
+            residual[j] += a[i, j] * v[i]
     for c in range(contacts.count[0]):
-        first = 0 if contacts.finger[c] >= 0 else 2
-        last = 2 if contacts.kind[c] == FINGER_SUPPORT else 8
-        finger, jacobian, force = 2 * contacts.finger[c], contacts.jacobian[c], contacts.force[c]
-        velocity = contacts.velocity[c]
+        start, stop, finger, body = _columns(contacts, c, size)
+        jacobian, force, velocity = contacts.jacobian[c], contacts.force[c], contacts.velocity[c]
         for i in range(6):
             velocity[i] = contacts.rise[c] if i == 2 else 0.0
-            for j in range(first, last):
-                velocity[i] += jacobian[i, j] * v[finger + j if j < 2 else 6 + j]
+            for j in range(start, stop):
+                velocity[i] += jacobian[i, j] * v[finger + j if j < coordinates else body + j]
         contacts.push[c] = contact_force(
             laws[contacts.kind[c]], h, contacts.depth[c], contacts.share[c], contacts.normal[c], velocity, force
         )
-        for j in range(first, last):
+        for j in range(start, stop):
             total = 0.0
             for i in range(6):
                 total += jacobian[i, j] * force[i]
-            residual[finger + j if j < 2 else 6 + j] -= h * total
+            residual[finger + j if j < coordinates else body + j] -= h * total
 
 
 @njit
-def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, slope: Array, hessian: Array) -> None:
+def _hessian(
+    a: Array, h: float, laws: Array, contacts: Contacts, slope: Array, first: NDArray[np.int64], hessian: Array
+) -> None:
     """Write the derivative of the residual; only its lower half."""
-    for i in range(a.shape[0]):
-        for j in range(i + 1):
+    size, coordinates = a.shape[0], contacts.jacobian.shape[2] - 6
+    for i in range(size):
+        for j in range(first[i], i + 1):
             hessian[i, j] = a[i, j]
     for c in range(contacts.count[0]):
         contact_slope(
             laws[contacts.kind[c]], h, contacts.depth[c], contacts.share[c], contacts.normal[c], contacts.velocity[c],
             contacts.push[c], slope,
         )  # fmt: skip
-        first = 0 if contacts.finger[c] >= 0 else 2
-        last = 2 if contacts.kind[c] == FINGER_SUPPORT else 8
-        finger, jacobian = 2 * contacts.finger[c], contacts.jacobian[c]
-        for j in range(first, last):
+        start, stop, finger, body = _columns(contacts, c, size)
+        jacobian = contacts.jacobian[c]
+        for i in range(start, stop):
+            row = finger + i if i < coordinates else body + i
             for part in range(2):
                 for k in range(3):
                     product = 0.0
                     for m in range(3):
-                        product += slope[part, k, m] * jacobian[3 * part + m, j]
+                        product += slope[part, k, m] * jacobian[3 * part + m, i]
                     product *= h
-                    for i in range(j, last):
-                        row = finger + i if i < 2 else 6 + i
-                        hessian[row, finger + j if j < 2 else 6 + j] += jacobian[3 * part + k, i] * product
+                    for j in range(start, min(i + 1, coordinates)):
+                        hessian[row, finger + j] += jacobian[3 * part + k, j] * product
+                    for j in range(coordinates, i + 1):
+                        hessian[row, body + j] += jacobian[3 * part + k, j] * product
 
 
 @njit
-def solve_contacts(a: Array, b: Array, v: Array, h: float, laws: Array, contacts: Contacts) -> tuple[float, int]:
+def solve_contacts(
+    a: Array, b: Array, v: Array, h: float, laws: Array, contacts: Contacts, room: Scratch
+) -> tuple[float, int]:
     """Solve a v = b + h sum J^T F(J v) for v, from v; the table then has the forces.
 
-    Returns what is left, the largest |residual_i| / a_ii [m/s or rad/s], and how many steps it took.
+    Of a, only what is in the envelope of ``room`` is read. Returns what is left, the largest |residual_i| / a_ii [m/s
+    or rad/s], and how many steps it took.
     """
     size = v.shape[0]
-    hessian, slope = np.empty((size, size)), np.empty((2, 3, 3))
-    residual, step, trial = np.empty(size), np.empty(size), np.empty(size)
-    _residual(a, b, v, h, laws, contacts, residual)
+    hessian, residual, step, trial, slope, first = room
+    _residual(a, b, v, h, laws, contacts, first, residual)
     for iteration in range(NEWTON_LIMIT + 1):
         left = 0.0
         for i in range(size):
             left = max(left, abs(residual[i]) / a[i, i])
         if not left > VELOCITY_TOLERANCE or iteration == NEWTON_LIMIT:
             break
-        _hessian(a, h, laws, contacts, slope, hessian)
+        _hessian(a, h, laws, contacts, slope, first, hessian)
         for i in range(size):
             step[i] = residual[i]
-        if not solve_in_place(hessian, step):
+        if not solve_in_place(hessian, step, first):
             return np.inf, iteration
         # The function's slope along the step rises from below zero: Illinois steps to its root, if that is before 1.
         low, high, low_slope, high_slope, fraction = 0.0, 1.0, 0.0, 0.0, 1.0
@@ -129,7 +168,7 @@ def solve_contacts(a: Array, b: Array, v: Array, h: float, laws: Array, contacts
         for line in range(10):
             for i in range(size):
                 trial[i] = v[i] - fraction * step[i]
-            _residual(a, b, trial, h, laws, contacts, residual)
+            _residual(a, b, trial, h, laws, contacts, first, residual)
             here = 0.0
             for i in range(size):
                 here -= residual[i] * step[i]

@@ -1,16 +1,21 @@
 r"""Four muscles and one rigid object: the coupled step, compiled.
 
-Unknowns: the velocities v after a sub-step, 8 bend rates and (with an object) its linear and angular velocity, 14 in
-all. Each muscle, with k = B / L and the evaluation point theta:
+Unknowns: the velocities v after a sub-step, those of the D = 2 m coordinates q of each muscle and (with an object) its
+linear and angular velocity. With the stiffness B and the active length L, mode i of a muscle has the stiffness
+k_i = B / (L (2 i + 1)), the integral of B P_i^2 over the length; M0 acts on mode 0 only. Each muscle, with the
+evaluation point theta:
 
-    M (v - v0) / h = M0 - k (beta + theta h v_theta) - eta k v_theta + load + J_c^T F
+    M (v - v0) / h = M0 - k (q + theta h v_theta) - eta k v_theta + load + J_c^T F
     v_theta = (1 - theta) v0 + theta v
 
 theta = 1/2 for a body that touches nothing (implicit midpoint, second order: M, load and velocity terms are taken at
-the midpoint by a second pass) and 1 for one in contact (first order, and damped where the penalty is stiff).
+the midpoint, which the first sweep finds and the second uses) and 1 for one in contact (first order, and damped where
+the penalty is stiff). Sweeps repeated until nothing changes give the implicit midpoint rule itself, which is symmetric
+in time: without damping energy swings by O(h^2) and does not drift. With damping the second sweep is the last: what a
+third one would change is less than the error of the step.
 
 Stability: elastic, damping and contact terms are implicit, so neither k, eta nor the contact stiffness limits the
-step; gravity and velocity terms are explicit and ask for h sqrt(g / l) < 1 and h |beta rate| < 1, which 10 ms meet.
+step; gravity and velocity terms are explicit and ask for h sqrt(g / l) < 1 and h |dq/dt| < 1, which 10 ms meet.
 Contact points, normals and friction loads are those at the start of the sub-step; it is this that sets the error in
 contact.
 """
@@ -33,11 +38,13 @@ from mbpam_ros.plant.contact_search import (
     FINGER_SUPPORT,
     OBJECT_PALM,
     OBJECT_SUPPORT,
+    Places,
     Surroundings,
     find_contacts,
+    places,
 )
-from mbpam_ros.plant.contact_solver import solve_contacts, solve_in_place
-from mbpam_ros.plant.finger import Muscle, inertia_and_load
+from mbpam_ros.plant.contact_solver import scratch, solve_contacts, solve_in_place
+from mbpam_ros.plant.rod import Motion, Rod, masses_and_loads, move_rods
 
 Array = NDArray[np.float64]
 
@@ -47,11 +54,23 @@ OK, NOT_FINITE, ABSURD, NOT_SOLVED = 0, 1, 2, 3
 SOLVED_M_S = 1e-4
 """What may be left of the contact equations."""
 
+FOUND_RAD_S = 1e-9
+"""A sweep that changes the velocities by less was the last."""
+
+LARGEST_BEND_RAD = 8.0
+"""Beyond it (460 deg) the polynomials between the points of a rod no longer follow its tangents."""
+
 
 class State(NamedTuple):
-    """Bends (8,), their rates and the object's linear and angular velocity (8,) or (14,), its position, orientation."""
+    """What moves.
 
-    bend: Array
+    Args:
+        shape: coordinates q of the muscles [rad], shape (4 D,).
+        velocity: their rates and, with an object, its linear and angular velocity, shape (4 D,) or (4 D + 6,).
+        position, orientation: of the object, shapes (3,) and (4,).
+    """
+
+    shape: Array
     velocity: Array
     position: Array
     orientation: Array
@@ -76,19 +95,20 @@ class System(NamedTuple):
 
     Args:
         step_s: length of a sub-step.
+        sweeps: the most evaluations of masses and loads in a step in which nothing touches.
         gravity: along +z.
         bases: clamp points, shape (4, 3).
-        muscle, nodes, retardation: lengths, point masses and damping over stiffness of a muscle.
+        rod, retardation: mechanics of a muscle, and its damping over its stiffness.
         mass, inertia: of the object, about its own axes, shape (3,).
         surroundings: what muscles may touch.
         laws: of contact, one row a kind.
     """
 
     step_s: float
+    sweeps: int
     gravity: float
     bases: Array
-    muscle: Muscle
-    nodes: Array
+    rod: Rod
     retardation: float
     mass: float
     inertia: Array
@@ -128,31 +148,63 @@ def turned(q: Array, wx: float, wy: float, wz: float, result: Array) -> None:
     result[0], result[1], result[2], result[3] = rx * norm, ry * norm, rz * norm, rw * norm
 
 
+class _Room(NamedTuple):
+    """Room for the muscles: coordinates, rates, loads (4, D), masses (4, D, D), and work of ``masses_and_loads``."""
+
+    shape: Array
+    rate: Array
+    load: Array
+    mass: Array
+    work: Array
+
+
+@njit
+def _room(rod: Rod, fingers: int) -> _Room:
+    segments, modes = rod.bends.shape[0], rod.bends.shape[2]
+    size = 2 * modes
+    return _Room(
+        np.empty((fingers, size)),
+        np.empty((fingers, size)),
+        np.empty((fingers, size)),
+        np.empty((fingers, size, size)),
+        np.empty((modes + 1, 6 * segments)),
+    )
+
+
+@njit
+def _move_muscles(state: State, start: Array, system: System, share: float, motion: Motion, room: _Room) -> None:
+    """Write the motion of the muscles after ``share`` of the step."""
+    fingers, size = room.shape.shape
+    for f in range(fingers):
+        for i in range(size):
+            n = f * size + i
+            room.rate[f, i] = (1.0 - share) * start[n] + share * state.velocity[n]
+            room.shape[f, i] = state.shape[n] + share * system.step_s * room.rate[f, i]
+    move_rods(room.shape, room.rate, system.rod, motion)
+
+
 @njit
 def _muscle_equations(
-    state: State, start: Array, system: System, drive: Drive, blend: float, gravity: float, theta: Array, share: float,
+    state: State, start: Array, system: System, drive: Drive, blend: float, theta: Array, room: _Room,
     a: Array, b: Array,
 ) -> None:  # fmt: skip
-    """Write the muscles' rows of a v = b; masses and loads after ``share`` of the step."""
-    h = system.step_s
-    for f in range(system.bases.shape[0]):
-        x, y = 2 * f, 2 * f + 1
-        vx = (1.0 - share) * start[x] + share * state.velocity[x]
-        vy = (1.0 - share) * start[y] + share * state.velocity[y]
-        mxx, mxy, myy, qx, qy = inertia_and_load(
-            state.bend[x] + 0.5 * h * vx, state.bend[y] + 0.5 * h * vy, vx, vy, system.muscle, system.nodes, gravity
-        )
-        k = ((1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f]) / system.muscle.active_length
-        t = theta[f]
-        implicit = h * k * (t * system.retardation + t * t * h)
-        a[x, x], a[x, y], a[y, x], a[y, y] = mxx + implicit, mxy, mxy, myy + implicit
-        explicit = h * k * ((1.0 - t) * system.retardation + t * (1.0 - t) * h)
-        for i in range(2):
-            moment = (1.0 - blend) * drive.moments[0, f, i] + blend * drive.moments[1, f, i]
-            load = qx if i == 0 else qy
-            b[x + i] = h * (moment - k * state.bend[x + i] + load) - explicit * start[x + i]
-        b[x] += mxx * start[x] + mxy * start[y]
-        b[y] += mxy * start[x] + myy * start[y]
+    """Write the muscles' rows of a v = b with the masses and loads in ``room``."""
+    h, eta, springs = system.step_s, system.retardation, system.rod.springs
+    fingers, size = room.shape.shape
+    for f in range(fingers):
+        stiffness = h * ((1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f])
+        t, first = theta[f], f * size
+        implicit, explicit = t * (eta + t * h), (1.0 - t) * (eta + t * h)
+        for i in range(size):
+            n, k = first + i, stiffness * springs[i >> 1]
+            total = h * room.load[f, i] - k * (state.shape[n] + explicit * start[n])
+            if i < 2:
+                total += h * ((1.0 - blend) * drive.moments[0, f, i] + blend * drive.moments[1, f, i])
+            for j in range(size):
+                a[n, first + j] = room.mass[f, i, j]
+                total += room.mass[f, i, j] * start[first + j]
+            a[n, n] += k * implicit
+            b[n] = total
 
 
 @njit
@@ -160,47 +212,48 @@ def _object_equations(
     state: State, start: Array, system: System, share: float, rotation: Array, middle: Array, a: Array, b: Array
 ) -> None:
     """Write the object's rows of a v = b; its inertia and velocity terms after ``share`` of the step."""
-    h = system.step_s
-    wx = (1.0 - share) * start[11] + share * state.velocity[11]
-    wy = (1.0 - share) * start[12] + share * state.velocity[12]
-    wz = (1.0 - share) * start[13] + share * state.velocity[13]
+    h, n = system.step_s, state.shape.shape[0]
+    wx = (1.0 - share) * start[n + 3] + share * state.velocity[n + 3]
+    wy = (1.0 - share) * start[n + 4] + share * state.velocity[n + 4]
+    wz = (1.0 - share) * start[n + 5] + share * state.velocity[n + 5]
     turned(state.orientation, 0.5 * h * wx, 0.5 * h * wy, 0.5 * h * wz, middle)
     rotation_matrix(middle, rotation)
     for i in range(3):
-        a[8 + i, 8 + i] = system.mass
-        b[8 + i] = system.mass * (start[8 + i] + (h * system.gravity if i == 2 else 0.0))
+        a[n + i, n + i] = system.mass
+        b[n + i] = system.mass * (start[n + i] + (h * system.gravity if i == 2 else 0.0))
         for j in range(3):
             total = 0.0
             for k in range(3):
                 total += rotation[i, k] * system.inertia[k] * rotation[j, k]
-            a[11 + i, 11 + j] = total
-    lx = a[11, 11] * wx + a[11, 12] * wy + a[11, 13] * wz
-    ly = a[12, 11] * wx + a[12, 12] * wy + a[12, 13] * wz
-    lz = a[13, 11] * wx + a[13, 12] * wy + a[13, 13] * wz
-    b[11], b[12], b[13] = -h * (wy * lz - wz * ly), -h * (wz * lx - wx * lz), -h * (wx * ly - wy * lx)
-    for i in range(11, 14):
-        for j in range(11, 14):
+            a[n + 3 + i, n + 3 + j] = total
+    lx = a[n + 3, n + 3] * wx + a[n + 3, n + 4] * wy + a[n + 3, n + 5] * wz
+    ly = a[n + 4, n + 3] * wx + a[n + 4, n + 4] * wy + a[n + 4, n + 5] * wz
+    lz = a[n + 5, n + 3] * wx + a[n + 5, n + 4] * wy + a[n + 5, n + 5] * wz
+    b[n + 3], b[n + 4], b[n + 5] = -h * (wy * lz - wz * ly), -h * (wz * lx - wx * lz), -h * (wx * ly - wy * lx)
+    for i in range(n + 3, n + 6):
+        for j in range(n + 3, n + 6):
             b[i] += a[i, j] * start[j]
 
 
 @njit
 def _move(state: State, start: Array, h: float, theta: Array, turn: Array) -> int:
-    """Move bends and object by the velocities; return OK or what went wrong."""
-    bend, v = state.bend, state.velocity
+    """Move muscles and object by the velocities; return OK or what went wrong."""
+    shape, v = state.shape, state.velocity
+    n, fingers = shape.shape[0], theta.shape[0] - 1
     for i in range(v.shape[0]):
         if not math.isfinite(v[i]):
             return NOT_FINITE
-        if abs(v[i]) > (500.0 if i < 8 else (50.0 if i < 11 else 1000.0)):
+        if abs(v[i]) > (5000.0 if i < n else (50.0 if i < n + 3 else 1000.0)):
             return ABSURD
-    for i in range(bend.shape[0]):
-        t = theta[i // 2]
-        bend[i] += h * ((1.0 - t) * start[i] + t * v[i])
-        if abs(bend[i]) > 6.0:
+    for i in range(n):
+        t = theta[i // (n // fingers)]
+        shape[i] += h * ((1.0 - t) * start[i] + t * v[i])
+        if abs(shape[i]) > LARGEST_BEND_RAD:
             return ABSURD
-    if v.shape[0] > bend.shape[0]:
+    if v.shape[0] > n:
         t = theta[-1]
         for i in range(6):
-            way = h * ((1.0 - t) * start[8 + i] + t * v[8 + i])
+            way = h * ((1.0 - t) * start[n + i] + t * v[n + i])
             if i < 3:
                 state.position[i] += way
             else:
@@ -224,55 +277,99 @@ def _sum_forces(contacts: Contacts, forces: Forces) -> None:
                 forces.palm[i] += contacts.force[c, i]
 
 
+@njit
+def _may_touch(around: Surroundings) -> bool:
+    """Whether there is anything that a muscle may reach, or an object that may touch something else."""
+    return around.shape >= 0 or around.table_in_reach
+
+
+@njit
+def _touch(
+    state: State, system: System, drive: Drive, step: int, motion: Motion, spots: Places, rotation: Array, theta: Array,
+    first: NDArray[np.int64], contacts: Contacts,
+) -> bool:  # fmt: skip
+    """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
+    around, muscles = system.surroundings, state.shape.shape[0]
+    if _may_touch(around):
+        rotation_matrix(state.orientation, rotation)
+        find_contacts(
+            system.bases, system.rod, motion, around, state.position, rotation, drive.heights[step],
+            drive.rates[step + 1], spots, contacts,
+        )  # fmt: skip
+    touching = contacts.count[0] > 0
+    theta[:] = 0.5
+    for c in range(contacts.count[0]):
+        theta[contacts.finger[c]] = 1.0  # -1, none: the object's, which is the last
+        if contacts.kind[c] != FINGER_SUPPORT:
+            theta[-1] = 1.0
+    for i in range(muscles, state.velocity.shape[0]):
+        first[i] = 0 if touching else muscles
+    return touching
+
+
 @njit(inline="always")  # compiled as part of its one caller only
-def _advance(state: State, drive: Drive, system: System, contacts: Contacts, forces: Forces) -> tuple[int, int]:
+def _advance(
+    state: State, drive: Drive, system: System, contacts: Contacts, motion: Motion, forces: Forces
+) -> tuple[int, int]:
     """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps."""
-    steps, size, fingers = drive.heights.shape[0] - 1, state.velocity.shape[0], system.bases.shape[0]
-    h, around, v = system.step_s, system.surroundings, state.velocity
+    steps, size, muscles = drive.heights.shape[0] - 1, state.velocity.shape[0], state.shape.shape[0]
+    fingers = system.bases.shape[0]
+    h, v = system.step_s, state.velocity
     a, b, start = np.zeros((size, size)), np.zeros(size), np.zeros(size)
     theta, rotation, middle, turn = np.empty(fingers + 1), np.eye(3), np.zeros(4), np.zeros(3)
+    coordinates = muscles // fingers
+    room, spots, equations = (
+        _room(system.rod, fingers),
+        places(system.surroundings),
+        scratch(size, coordinates, fingers),
+    )
+    in_reach = _may_touch(system.surroundings)
     iterations = 0
     contacts.count[0] = 0
-    for step in range(steps):
+    for step in range(steps + 1):
         for i in range(size):
             start[i] = v[i]
-        if around.shape >= 0 or around.table_in_reach:
-            rotation_matrix(state.orientation, rotation)
-            find_contacts(
-                state.bend, system.bases, system.muscle, around, state.position, rotation, drive.heights[step],
-                drive.rates[step + 1], contacts,
-            )  # fmt: skip
-        touching = contacts.count[0] > 0
-        theta[:] = 0.5
-        for c in range(contacts.count[0]):
-            theta[contacts.finger[c]] = 1.0  # -1, none: the object's, which is the last
-            if contacts.kind[c] != FINGER_SUPPORT:
-                theta[fingers] = 1.0
-        blend = (step + 0.5) / steps
-        gravity = system.gravity + (drive.rates[step + 1] - drive.rates[step]) / h
-        # The second sweep takes masses and loads at the midpoint the first one found; in contact one is as good.
-        for sweep in range(1 if touching else 2):
-            _muscle_equations(state, start, system, drive, blend, gravity, theta, 0.5 * sweep, a, b)
-            if size > 2 * fingers:
-                _object_equations(state, start, system, 0.5 * sweep, rotation, middle, a, b)
+        touching = False
+        # The first sweep is at the start, or, where nothing is in reach, with what the step before saw at its midpoint.
+        # Later ones are at the midpoint that the one before found.
+        for sweep in range(system.sweeps):
+            share = 0.5 if sweep > 0 else 0.0
+            anew = in_reach or sweep > 0 or step == 0 or step == steps
+            if anew:
+                _move_muscles(state, start, system, share, motion, room)
+            if step == steps:  # nothing left but to know the motion at the end
+                break
+            if sweep == 0:
+                touching = _touch(state, system, drive, step, motion, spots, rotation, theta, equations.first, contacts)
+            blend = (step + 0.5) / steps
+            gravity = system.gravity + (drive.rates[step + 1] - drive.rates[step]) / h
+            if anew:
+                masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
+            _muscle_equations(state, start, system, drive, blend, theta, room, a, b)
+            if size > muscles:
+                _object_equations(state, start, system, share, rotation, middle, a, b)
             if touching:
-                left, count = solve_contacts(a, b, v, h, system.laws, contacts)
+                left, count = solve_contacts(a, b, v, h, system.laws, contacts, equations)
                 iterations = max(iterations, count)
                 if not left < SOLVED_M_S:
                     return NOT_SOLVED, iterations
-            else:
-                for i in range(size):
-                    v[i] = b[i]
-                if not solve_in_place(a, v):
-                    return NOT_FINITE, iterations
-        answer = _move(state, start, h, theta, turn)
+                break  # contact is of first order: the midpoint would not help
+            if not solve_in_place(a, b, equations.first):
+                return NOT_FINITE, iterations
+            moved = 0.0
+            for i in range(size):
+                moved = max(moved, abs(b[i] - v[i]))
+                v[i] = b[i]
+            if moved < FOUND_RAD_S:
+                break
+        answer = _move(state, start, h, theta, turn) if step < steps else OK
         if answer != OK:
             return answer, iterations
     _sum_forces(contacts, forces)
     return OK, iterations
 
 
-def _cached(source_digest: int) -> Callable[[State, Drive, System, Contacts, Forces], tuple[int, int]]:
+def _cached(source_digest: int) -> Callable[[State, Drive, System, Contacts, Motion, Forces], tuple[int, int]]:
     """Compile ``_advance`` into the cache on disk.
 
     The cache only watches the file of the cached function. A digest of all sources it is built from, being part of
@@ -280,10 +377,12 @@ def _cached(source_digest: int) -> Callable[[State, Drive, System, Contacts, For
     """
 
     @njit(cache=True)
-    def advance(state: State, drive: Drive, system: System, contacts: Contacts, forces: Forces) -> tuple[int, int]:
+    def advance(
+        state: State, drive: Drive, system: System, contacts: Contacts, motion: Motion, forces: Forces
+    ) -> tuple[int, int]:
         if source_digest < 0:
             return NOT_SOLVED, 0
-        return _advance(state, drive, system, contacts, forces)
+        return _advance(state, drive, system, contacts, motion, forces)
 
     return advance
 

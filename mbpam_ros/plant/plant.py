@@ -49,7 +49,8 @@ class Observation:
         time_s: simulated time since reset.
         pressure_gauge_pa: true chamber pressures, shape (16,).
         transducer_v: their transducers' volts, shape (16,), with noise and quantisation.
-        bend_rad, bend_rate_rad_s: of the muscles, shape (4, 2).
+        bend_rad, bend_rate_rad_s: of the muscles' tips, as in :class:`~mbpam_ros.plant.tiers.TierState`, shape (4, 2).
+        centreline_m: points of the fingers' centre lines in ``gripper_base``, clamp to tip, shape (4, n, 3).
         hand_lift_m: rise of the hand.
         object_in_world: pose and velocity of the object, world frame; none without an object.
         object_in_gripper: the same seen from the hand, in ``gripper_base``.
@@ -62,6 +63,7 @@ class Observation:
     transducer_v: Array
     bend_rad: Array
     bend_rate_rad_s: Array
+    centreline_m: Array
     hand_lift_m: float
     object_in_world: BodyState | None
     object_in_gripper: BodyState | None
@@ -192,6 +194,7 @@ class Plant:
             transducer_v=self._volts.copy(),
             bend_rad=state.bend_rad,
             bend_rate_rad_s=state.bend_rate_rad_s,
+            centreline_m=state.centreline_m,
             hand_lift_m=height,
             object_in_world=state.body,
             object_in_gripper=seen,
@@ -237,6 +240,7 @@ def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetu
         body=_body(scene),
         planes_m=planes,
         config=config,
+        modes=scene.config.modes,
     )
 
 

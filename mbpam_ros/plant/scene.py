@@ -88,7 +88,7 @@ class SceneConfig:
         object: name in ``objects.yaml``; none for an empty scene.
         object_position_m: centre of the object at the start; given with ``object``.
         object_yaw_rad: turn about z; 0 lays a rod along y.
-        tier: how the muscles are computed: static or arc.
+        tier: how the muscles are computed: static, arc or rod.
         sub_step_s: step of the computation.
         pneumatics: model of valves and chambers; none for that of ``pneumatics.yaml``.
         gravity_m_s2: acceleration along +z.
@@ -96,6 +96,7 @@ class SceneConfig:
         lift: travel of the hand.
         friction_coefficient: of fingers on the object; none for that of ``plant.yaml``.
         contact_stiffness_n_m: of fingers on the object; none for that of ``plant.yaml``.
+        modes: modes of curvature a plane, for the tier ``rod``; none for 2 in the air, 3 where there may be contact.
     """
 
     object: str | None
@@ -109,6 +110,7 @@ class SceneConfig:
     lift: LiftConfig
     friction_coefficient: float | None = None
     contact_stiffness_n_m: float | None = None
+    modes: int | None = None
 
     def __post_init__(self) -> None:
         require_positive(self, "sub_step_s")

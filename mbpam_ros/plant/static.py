@@ -8,7 +8,8 @@ import numpy as np
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.actuator.equilibrium import hanging_bend
-from mbpam_ros.plant.tiers import Actuation, Array, Tier, TierError, TierSetup, TierState
+from mbpam_ros.actuator.kinematics import centreline
+from mbpam_ros.plant.tiers import CENTRELINE_POINTS, Actuation, Array, Tier, TierError, TierSetup, TierState
 
 
 class StaticTier(Tier):
@@ -23,7 +24,7 @@ class StaticTier(Tier):
 
     def __init__(self, setup: TierSetup) -> None:
         if setup.body is not None:
-            raise TierError("tier 'static' has no contact and cannot move an object: use tier 'arc', or no object")
+            raise TierError("tier 'static' cannot move an object: use tier 'arc' or 'rod', or no object")
         self._setup = setup
         self.reset()
 
@@ -48,8 +49,17 @@ class StaticTier(Tier):
         self._actuation, self._equilibrium = after, target
 
     def state(self) -> TierState:  # noqa: D102
-        no_force = np.zeros(3)
-        return TierState(self._bend.copy(), self._rate.copy(), None, np.zeros((FINGER_COUNT, 3)), no_force, no_force)
+        setup, no_force = self._setup, np.zeros(3)
+        along = np.linspace(0.0, setup.geometry.length_m, CENTRELINE_POINTS)
+        return TierState(
+            bend_rad=self._bend.copy(),
+            bend_rate_rad_s=self._rate.copy(),
+            centreline_m=centreline(self._bend, setup.geometry, along) + setup.finger_base_m[:, None, :],
+            body=None,
+            finger_force_n=np.zeros((FINGER_COUNT, 3)),
+            support_force_n=no_force,
+            palm_force_n=no_force,
+        )
 
     def _rest(self, actuation: Actuation) -> Array:
         setup = self._setup

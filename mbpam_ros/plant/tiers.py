@@ -20,6 +20,10 @@ from mbpam_ros.plant.contact_config import ContactConfig
 Array = NDArray[np.float64]
 
 
+CENTRELINE_POINTS = 14
+"""Points of a centre line, evenly from clamp to tip."""
+
+
 class TierError(ValueError):
     """No such tier, or one that cannot compute what the scene holds."""
 
@@ -75,6 +79,7 @@ class TierSetup:
         body: the object, or none.
         planes_m: rows (depth, half size x, half size y) of level supports; an endless one has infinite half sizes.
         config: constants of muscles and contacts.
+        modes: modes of curvature a plane, for the tier ``rod``; none for its own choice.
     """
 
     geometry: MuscleGeometry
@@ -84,6 +89,7 @@ class TierSetup:
     body: RigidBody | None
     planes_m: Array
     config: PlantConfig
+    modes: int | None = None
 
 
 @dataclass(frozen=True)
@@ -109,7 +115,11 @@ class TierState:
     """What a tier has computed.
 
     Args:
-        bend_rad, bend_rate_rad_s: of the four muscles, shape (4, 2).
+        bend_rad, bend_rate_rad_s: of the four muscles, shape (4, 2): the rotation vector (without twist) that turns
+            the clamp's tangent z into the tip's, t = (sin|bend| bend / |bend|, cos|bend|), its two components toward x
+            and y. Of all such vectors the one nearest to the curvature added up along the muscle, so that it goes on
+            beyond 180 deg; with constant curvature it is that sum.
+        centreline_m: points of the centre lines in ``gripper_base``, evenly from clamp to tip, shape (4, n, 3).
         body: the object, or none.
         finger_force_n: force of each finger on the object, world frame, shape (4, 3).
         support_force_n, palm_force_n: force of the support and of the palm on the object, world frame, shape (3,).
@@ -117,6 +127,7 @@ class TierState:
 
     bend_rad: Array
     bend_rate_rad_s: Array
+    centreline_m: Array
     body: BodyState | None
     finger_force_n: Array
     support_force_n: Array
@@ -147,7 +158,11 @@ class Tier(ABC):
         """Return copies of what was computed."""
 
 
-_TIERS = {"static": ("mbpam_ros.plant.static", "StaticTier"), "arc": ("mbpam_ros.plant.arc", "ArcTier")}
+_TIERS = {
+    "static": ("mbpam_ros.plant.static", "StaticTier"),
+    "arc": ("mbpam_ros.plant.moving", "ArcTier"),
+    "rod": ("mbpam_ros.plant.moving", "RodTier"),
+}
 """Modules are imported when asked for: a tier that is not used costs nothing, neither does its compiler."""
 
 
@@ -164,5 +179,7 @@ def build_tier(name: str, setup: TierSetup) -> Tier:
     """
     if name not in _TIERS:
         raise TierError(f"no tier {name!r}; known: {', '.join(_TIERS)}")
+    if setup.modes is not None and name != "rod":
+        raise TierError(f"tier {name!r} takes no modes, found {setup.modes}: use tier 'rod', or leave modes out")
     module, tier = _TIERS[name]
     return getattr(importlib.import_module(module), tier)(setup)

@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 
+from mbpam_ros.actuator.kinematics import centreline
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.contact import contact_force, contact_slope, contact_table
 from mbpam_ros.plant.contact_config import ContactConfig
 from mbpam_ros.plant.contact_search import BALLS, Surroundings, contact_limit
-from mbpam_ros.plant.finger import Muscle, mass_nodes, station
 from mbpam_ros.plant.multibody import Drive, Forces, State, System, advance
+from mbpam_ros.plant.rod import build_rod, motion_at_rest
 from mbpam_ros.plant.shapes import BOX, CYLINDER, SPHERE, signed_distance
 
-MUSCLE = Muscle(0.015, 0.100, 0.010)
+GEOMETRY = load_gripper().geometry
+ROD = build_rod(GEOMETRY, 1, 7, BALLS)
 BASE = np.array([0.035, 0.035, 0.0])
-NODES = mass_nodes(load_gripper().geometry)
 CONFIG = ContactConfig(2000.0, 2.0, 0.6, 0.001, 0.0002, 2e-5, 1e-3)
 NORMAL = np.array([0.6, 0.0, 0.8])
 STEP_S = 1e-3
@@ -24,23 +25,24 @@ NO_PLANES = np.empty((0, 3))
 
 def touches(bend, shape, half, centre, planes=NO_PLANES):
     """Depths, shares, points and normals of the contacts of one muscle of four: from a step too short to move it."""
-    table = contact_table(contact_limit(4, len(planes)))
+    table = contact_table(contact_limit(4, len(planes)), 2)
     around = Surroundings(shape, np.array(half), planes, bool(len(planes)))
     bases = np.array([BASE, *np.full((3, 3), -9.0)])
     laws = np.array([CONFIG.law()] * 4)
-    system = System(1e-12, 9.81, bases, MUSCLE, NODES, 0.02, 1.0, np.ones(3), around, laws)
+    system = System(1e-12, 2, 9.81, bases, ROD, 0.02, 1.0, np.ones(3), around, laws)
     state = State(
         np.array([*bend, *np.zeros(6)]), np.zeros(8 if shape < 0 else 14), np.array(centre), np.array([0.0, 0, 0, 1])
     )
     drive = Drive(np.zeros((2, 4, 2)), np.zeros((2, 4)), np.zeros(2), np.zeros(2))
-    advance(state, drive, system, table, Forces(np.zeros((4, 3)), np.zeros(3), np.zeros(3)))
+    forces = Forces(np.zeros((4, 3)), np.zeros(3), np.zeros(3))
+    advance(state, drive, system, table, motion_at_rest(4, 1, 7), forces)
     used = np.flatnonzero(table.finger[: table.count[0]] == 0)
     arm = np.column_stack([table.jacobian[used, 1, 7], table.jacobian[used, 2, 5], table.jacobian[used, 0, 6]])
     return table.depth[used], table.share[used], arm + centre, table.normal[used]
 
 
 def finely_sought_depth(bend, shape, half, centre):
-    points = [BASE + station(*bend, MUSCLE, s) - centre for s in np.linspace(0.0, 0.120, 481)]
+    points = BASE + centreline(bend, GEOMETRY, np.linspace(0.0, 0.120, 481)) - centre
     return 0.010 - min(signed_distance(shape, half, *point)[0] for point in points)
 
 

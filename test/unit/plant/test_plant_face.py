@@ -10,6 +10,7 @@ import pytest
 
 from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.equilibrium import hanging_bend
+from mbpam_ros.actuator.kinematics import centreline
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.plant import StepSizeError, build_plant
 from mbpam_ros.plant.scene import load_scene
@@ -42,6 +43,7 @@ def test_an_observation_has_the_promised_shapes_and_no_nan():
     assert seen.pressure_gauge_pa.shape == seen.transducer_v.shape == (16,)
     assert seen.bend_rad.shape == seen.bend_rate_rad_s.shape == (4, 2)
     assert seen.finger_force_n.shape == (4, 3)
+    assert seen.centreline_m.shape == (4, 14, 3)
     assert seen.support_force_n.shape == (3,)
     assert all(np.isfinite(value).all() for value in fields(seen).values())
 
@@ -127,13 +129,33 @@ def test_muscles_end_at_the_hanging_bend_of_their_pressures(tier):
     np.testing.assert_allclose(seen.bend_rad, expected, atol=1e-5)
 
 
+@pytest.mark.parametrize("tier", ["static", "arc"])
+def test_centre_lines_hang_from_the_clamps_in_the_arcs_of_the_bends(tier):
+    plant = plant_of(EMPTY, tier=tier)
+    for _ in range(30):
+        plant.step(0.5 * FILL_ONE, 0.01)
+    seen = plant.observe()
+    lines = centreline(seen.bend_rad, GRIPPER.geometry, np.linspace(0.0, GRIPPER.geometry.length_m, 14))
+    np.testing.assert_allclose(seen.centreline_m, GRIPPER.finger_base_m[:, None, :] + lines, atol=1e-5)
+
+
+def test_the_number_of_modes_is_the_scenes():
+    ends = [plant_of(EMPTY, tier="rod", modes=modes) for modes in (None, 2, 4)]
+    for plant in ends:
+        for _ in range(20):
+            plant.step(0.5 * FILL_ONE, 0.01)
+    default, two, four = (plant.observe().centreline_m for plant in ends)
+    np.testing.assert_array_equal(default, two)
+    assert 1e-6 < np.abs(four - two).max() < 2e-3
+
+
 def test_the_static_tier_refuses_an_object_and_names_the_tier_that_can():
     with pytest.raises(TierError, match="'arc'"):
         plant_of(BULB, tier="static")
 
 
 def test_an_unknown_tier_lists_the_known_ones():
-    with pytest.raises(TierError, match="static, arc"):
+    with pytest.raises(TierError, match="static, arc, rod"):
         plant_of(EMPTY, tier="fe")
 
 
@@ -195,16 +217,18 @@ def test_the_static_tier_does_without_the_compiler():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_uncompiled_code_gives_the_same_result():
+@pytest.mark.parametrize("tier", ["arc", "rod"])
+def test_uncompiled_code_gives_the_same_result(tier):
     code = (
-        "from mbpam_ros.gripper import load_gripper; from mbpam_ros.plant.plant import build_plant;"
-        "from mbpam_ros.plant.scene import load_scene; p = build_plant(load_scene('bulb'), load_gripper());"
-        "p.lift(); [p.step([0.5] * 16, 0.01) for _ in range(5)]; o = p.observe();"
+        "import dataclasses; from mbpam_ros.gripper import load_gripper; from mbpam_ros.plant.plant import build_plant;"
+        "from mbpam_ros.plant.scene import load_scene; s = load_scene('bulb');"
+        f"s = dataclasses.replace(s, config=dataclasses.replace(s.config, tier={tier!r}));"
+        "p = build_plant(s, load_gripper()); p.lift(); [p.step([0.5] * 16, 0.01) for _ in range(5)]; o = p.observe();"
         "print(*o.bend_rad.ravel().tolist(), *o.object_in_world.position_m.tolist(), *o.support_force_n.tolist())"
     )
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run([sys.executable, "-c", code], check=True, env=environment, capture_output=True, text=True)
-    plant = plant_of(BULB)
+    plant = plant_of(BULB, tier=tier)
     plant.lift()
     for _ in range(5):
         plant.step(np.full(16, 0.5), 0.01)

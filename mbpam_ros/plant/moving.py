@@ -1,0 +1,185 @@
+"""Tiers ``arc`` and ``rod``: muscles with inertia, and an object that they touch anywhere along them.
+
+Gravity, bending, Kelvin-Voigt damping and the exact velocity terms of the muscles' distributed mass. The two differ in
+how many modes of curvature a muscle has: ``arc`` has one, so its curvature is constant, ``rod`` has more, so it sags
+under its weight and wraps around what it touches. Fingers do not touch each other.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbpam_ros.actuator.chambers import FINGER_COUNT
+from mbpam_ros.plant import multibody
+from mbpam_ros.plant.contact import contact_table
+from mbpam_ros.plant.contact_search import BALLS, Surroundings, contact_limit
+from mbpam_ros.plant.multibody import Drive, Forces, State, System
+from mbpam_ros.plant.rod import build_rod, motion_at_rest, position_weights
+from mbpam_ros.plant.shapes import SHAPE_CODES
+from mbpam_ros.plant.solids import principal_inertia
+from mbpam_ros.plant.tiers import (
+    CENTRELINE_POINTS,
+    Actuation,
+    Array,
+    BodyState,
+    PlantDivergedError,
+    Tier,
+    TierError,
+    TierSetup,
+    TierState,
+)
+
+MOST_MODES = 6
+"""More are not resolved: a mode of higher degree bends less than the law of the rod is known."""
+
+_DAMPED_S, _UNDAMPED_SWEEPS = 1e-3, 30
+_FREE_MODES, _CONTACT_MODES, _FEWEST_SEGMENTS = 2, 3, 4
+_REASONS = {
+    multibody.NOT_FINITE: "a velocity is no longer finite",
+    multibody.ABSURD: (
+        f"a bend is beyond {np.degrees(multibody.LARGEST_BEND_RAD):.0f} deg, or something moves faster than 5000 rad/s "
+        "or 50 m/s"
+    ),
+    multibody.NOT_SOLVED: "the contact equations were not solved",
+}
+
+
+class RodTier(Tier):
+    """Muscles in modes of curvature and one rigid body, advanced by :mod:`~mbpam_ros.plant.multibody`.
+
+    Raises:
+        TierError: a number of modes that cannot be.
+    """
+
+    name = "rod"
+
+    def __init__(self, setup: TierSetup) -> None:
+        self._setup = setup
+        config, body = setup.config, setup.body
+        planes = np.ascontiguousarray(setup.planes_m, dtype=float)
+        # A table out of reach of a muscle that hangs straight is out of reach of all.
+        table_in_reach = bool(len(planes) and planes[-1, 0] < setup.geometry.length_m)
+        modes = self._modes(may_touch=body is not None or table_in_reach)
+        segments = max(_FEWEST_SEGMENTS, modes + 2)
+        kinds = (config.finger_object, config.object_support, config.finger_support, config.object_support)
+        shape, half, mass, inertia = -1, np.zeros(3), 0.0, np.zeros(3)
+        if body is not None:
+            shape, half, mass = SHAPE_CODES[body.shape], 0.5 * np.array(body.size_m), body.mass_kg
+            inertia = principal_inertia(body.shape, body.size_m, body.mass_kg)
+        self._system = System(
+            step_s=setup.sub_step_s,
+            sweeps=2 if config.retardation_time_s >= _DAMPED_S else _UNDAMPED_SWEEPS,
+            gravity=setup.gravity_m_s2,
+            bases=np.ascontiguousarray(setup.finger_base_m),
+            rod=build_rod(setup.geometry, modes, segments, BALLS),
+            retardation=config.retardation_time_s,
+            mass=mass,
+            inertia=inertia,
+            surroundings=Surroundings(shape, half, planes, table_in_reach),
+            laws=np.array([kind.law() for kind in kinds]),
+        )
+        self._coordinates = FINGER_COUNT * 2 * modes
+        self._contacts = contact_table(contact_limit(FINGER_COUNT, len(planes)), 2 * modes)
+        self._motion = motion_at_rest(FINGER_COUNT, modes, segments)
+        along = np.linspace(0.0, setup.geometry.length_m, CENTRELINE_POINTS)
+        self._line_weights = position_weights(setup.geometry, segments, along)
+        self.reset()
+
+    def _modes(self, may_touch: bool) -> int:
+        modes = self._setup.modes
+        if modes is None:
+            return _CONTACT_MODES if may_touch else _FREE_MODES
+        if not 1 <= modes <= MOST_MODES:
+            raise TierError(f"tier 'rod' has 1 to {MOST_MODES} modes a plane, found modes = {modes}")
+        return modes
+
+    def reset(self) -> None:  # noqa: D102
+        body, rest = self._setup.body, np.zeros(self._coordinates)
+        velocity, position, orientation = rest.copy(), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
+        if body is not None:
+            velocity = np.concatenate([velocity, body.velocity_m_s, body.angular_velocity_rad_s])
+            position, orientation = np.array(body.position_m, float), np.array(body.orientation_xyzw, float)
+        self._state = State(rest, velocity, position, orientation)
+        self._forces = Forces(np.zeros((FINGER_COUNT, 3)), np.zeros(3), np.zeros(3))
+        self.iterations = 0
+        self._show()
+
+    def step(  # noqa: D102
+        self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array
+    ) -> None:
+        state = State(*(part.copy() for part in self._state))
+        drive = Drive(
+            np.stack([before.moment_n_m, after.moment_n_m]),
+            np.stack([before.stiffness_n_m2, after.stiffness_n_m2]),
+            hand_height_m,
+            hand_velocity_m_s,
+        )
+        answer, self.iterations = multibody.advance(
+            state, drive, self._system, self._contacts, self._motion, self._forces
+        )
+        if answer != multibody.OK:
+            self._show()
+            raise PlantDivergedError(
+                f"tier {self.name!r} at a sub-step of {self._setup.sub_step_s:g} s: {_REASONS[answer]}. Use a smaller "
+                "sub_step_s, a smaller contact stiffness, or a larger retardation_time_s or damping."
+            )
+        self._state = state
+
+    def state(self) -> TierState:  # noqa: D102
+        shape, velocity, position, orientation = (part.copy() for part in self._state)
+        fingers = self._coordinates
+        body = None
+        if self._setup.body is not None:
+            body = BodyState(position, orientation, velocity[fingers : fingers + 3], velocity[fingers + 3 :])
+        rates = velocity[:fingers].reshape(FINGER_COUNT, -1)
+        tip_rate = np.einsum("fij,fj->fi", self._motion.slope[:, -1], rates)
+        bend, bend_rate = tip_bend(self._motion.tangent[:, -1], tip_rate, shape.reshape(FINGER_COUNT, -1)[:, :2])
+        return TierState(
+            bend_rad=bend,
+            bend_rate_rad_s=bend_rate,
+            centreline_m=self._line_weights @ self._motion.tangent + self._setup.finger_base_m[:, None, :],
+            body=body,
+            finger_force_n=self._forces.finger.copy(),
+            support_force_n=self._forces.support.copy(),
+            palm_force_n=self._forces.palm.copy(),
+        )
+
+    def _show(self) -> None:
+        """Set the motion to that of the state: no sub-step. The first time this compiles, before the first tick."""
+        nothing = np.zeros(1)
+        drive = Drive(np.zeros((2, FINGER_COUNT, 2)), np.ones((2, FINGER_COUNT)), nothing, nothing)
+        forces = Forces(*(force.copy() for force in self._forces))
+        multibody.advance(self._state, drive, self._system, self._contacts, self._motion, forces)
+
+
+class ArcTier(RodTier):
+    """Constant curvature: one mode."""
+
+    name = "arc"
+
+    def _modes(self, may_touch: bool) -> int:
+        return 1
+
+
+def tip_bend(tangent: Array, rate: Array, added_up_rad: Array) -> tuple[Array, Array]:
+    """Return bend and bend rate, each (n, 2), of tips with these tangents (n, 3) and tangents' rates (n, 3).
+
+    t = (sin|b| b / |b|, cos|b|) has the solutions b = (angle + 2 pi k) n with n the direction of t across z; taken is
+    the one nearest to ``added_up_rad``, the curvature added up along the muscle, shape (n, 2). Where n is not defined,
+    straight up or down, the bend is along ``added_up_rad``, and its rate that of t.
+    """
+    across = np.hypot(tangent[:, 0], tangent[:, 1])
+    defined = across > 1e-9
+    size = np.where(defined, across, 1.0)[:, None]
+    along_sum = np.hypot(added_up_rad[:, 0], added_up_rad[:, 1])[:, None]
+    fallback = np.where(along_sum > 0.0, added_up_rad / np.where(along_sum > 0.0, along_sum, 1.0), (1.0, 0.0))
+    direction = np.where(defined[:, None], tangent[:, :2] / size, fallback)
+    angle = np.arctan2(across, tangent[:, 2])
+    sought = np.einsum("ni,ni->n", direction, added_up_rad)
+    angle += 2.0 * np.pi * np.round((sought - angle) / (2.0 * np.pi))
+    swing = np.einsum("ni,ni->n", direction, rate[:, :2])
+    angle_rate = swing * tangent[:, 2] - rate[:, 2] * across
+    # What is left turns the direction, at the rate aside / sin|b|.
+    aside = rate[:, :2] - swing[:, None] * direction
+    stretch = np.where(defined, angle / np.where(defined, across, 1.0), 1.0)
+    return angle[:, None] * direction, angle_rate[:, None] * direction + stretch[:, None] * aside

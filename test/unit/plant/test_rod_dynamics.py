@@ -1,0 +1,250 @@
+"""Tier ``rod`` against an independent boundary-value solution, conserved energy, symmetry and its own refinement."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp
+
+from mbpam_ros.actuator.equilibrium import hanging_bend
+from mbpam_ros.configuration import load_config
+from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.tiers import (
+    Actuation,
+    PlantConfig,
+    PlantDivergedError,
+    RigidBody,
+    TierError,
+    TierSetup,
+    build_tier,
+)
+
+GRIPPER = load_gripper()
+GEOMETRY = GRIPPER.geometry
+CONFIG = load_config(PlantConfig, "plant.yaml")
+UNDAMPED = dataclasses.replace(CONFIG, retardation_time_s=0.0)
+STIFFNESS = 1.5e-3  # N m2
+INWARD = -GRIPPER.finger_base_m[:, :2] / np.linalg.norm(GRIPPER.finger_base_m[:, :2], axis=1, keepdims=True)
+BULB = RigidBody("sphere", (0.06,) * 3, 0.046, np.array([0.0, 0.0, 0.085]), np.array([0.0, 0.0, 0.0, 1.0]))
+TABLE = np.array([[0.115, 0.01, 0.01], [0.315, np.inf, np.inf]])
+NO_PLANES = np.empty((0, 3))
+MOMENTS = np.array([[0.04, 0.0], [0.0, -0.02], [0.01, 0.03], [0.0, 0.0]])
+
+
+def tier(modes, step_s, name="rod", body=None, planes=NO_PLANES, config=CONFIG, gravity=9.81):
+    setup = TierSetup(GEOMETRY, GRIPPER.finger_base_m, gravity, step_s, body, planes, config, modes)
+    return build_tier(name, setup)
+
+
+def actuation(moment, stiffness=STIFFNESS):
+    return Actuation(np.broadcast_to(np.asarray(moment, dtype=float), (4, 2)).copy(), np.full(4, stiffness))
+
+
+def advance(rod, before, after, duration_s, step_s):
+    steps = round(duration_s / step_s)
+    rod.step(before, after, np.zeros(steps + 1), np.zeros(steps + 1))
+    return rod.state()
+
+
+def tips(rod):
+    return rod.state().centreline_m[:, -1] - GRIPPER.finger_base_m
+
+
+def at_rest(modes, moment=MOMENTS, **changes):
+    rod = tier(modes, 5e-3, **changes)
+    advance(rod, actuation(moment), actuation(moment), 4.0, 5e-3)
+    return rod
+
+
+def hanging_rod(moment_n_m, stiffness_n_m2=STIFFNESS):
+    """Tip (across, down) and angle of the hanging Kirchhoff rod: B theta'' = w (weight's arm beyond) sin theta."""
+    length, end, weight = GEOMETRY.active_length_m, GEOMETRY.end_length_m, 9.81 * GEOMETRY.mass_per_length_kg_m
+
+    def slope(s, y):
+        bending = weight * (length + end - s) * np.sin(y[0]) / stiffness_n_m2
+        return np.array([y[1], bending, np.sin(y[0]), np.cos(y[0])])
+
+    def ends(clamp, tip):
+        curvature = (moment_n_m - 0.5 * weight * end**2 * np.sin(tip[0])) / stiffness_n_m2
+        return np.array([clamp[0], tip[1] - curvature, clamp[2], clamp[3] - end])
+
+    s, kappa = np.linspace(0.0, length, 41), moment_n_m / stiffness_n_m2
+    solution = solve_bvp(slope, ends, s, np.array([kappa * s, kappa + 0 * s, 0 * s, end + s]), tol=1e-9)
+    assert solution.success
+    angle, _, across, down = solution.y[:, -1]
+    return np.array([across + end * np.sin(angle), down + end * np.cos(angle)]), angle
+
+
+def test_the_resting_tip_is_that_of_the_boundary_value_problem():
+    rod = at_rest(modes=4)
+    for moment, tip, bend in zip(MOMENTS, tips(rod), rod.state().bend_rad, strict=True):
+        size = np.linalg.norm(moment)
+        toward = moment / size if size else np.array([1.0, 0.0])
+        expected, angle = hanging_rod(size)
+        assert np.linalg.norm([*(tip[:2] - expected[0] * toward), tip[2] - expected[1]]) < 1e-4 * GEOMETRY.length_m
+        np.testing.assert_allclose(bend, angle * toward, atol=1e-3 * max(angle, 1e-6))
+
+
+def test_the_resting_tip_converges_with_the_number_of_modes():
+    expected, _ = hanging_rod(0.04)
+    errors = [np.linalg.norm(tips(at_rest(modes))[0, [0, 2]] - expected) / GEOMETRY.length_m for modes in (1, 2, 3, 4)]
+    assert errors[0] > 0.005
+    assert errors[1] < 0.1 * errors[0]
+    assert errors[2] < 0.6 * errors[1]
+    assert errors[3] < 0.1 * errors[2]
+
+
+def test_one_mode_comes_to_rest_at_the_closed_form_of_constant_curvature_and_is_the_tier_arc():
+    rod, arc = at_rest(modes=1), at_rest(modes=None, name="arc")
+    np.testing.assert_allclose(rod.state().bend_rad, hanging_bend(MOMENTS, np.full(4, STIFFNESS), GEOMETRY), atol=1e-5)
+    np.testing.assert_array_equal(rod.state().centreline_m, arc.state().centreline_m)
+
+
+def test_without_gravity_every_number_of_modes_rests_in_the_circle_of_its_intrinsic_moment():
+    for modes in (2, 4):
+        bend = at_rest(modes, gravity=0.0).state().bend_rad
+        np.testing.assert_allclose(bend, MOMENTS * GEOMETRY.active_length_m / STIFFNESS, atol=1e-6)
+
+
+def test_a_hanging_muscle_without_pressure_stays_exactly_straight():
+    rod = tier(3, 1e-3)
+    state = advance(rod, actuation([0.0, 0.0]), actuation([0.0, 0.0]), 0.2, 1e-3)
+    assert not state.bend_rad.any() and not state.bend_rate_rad_s.any()
+    assert not state.centreline_m[:, :, :2].any() or np.ptp(state.centreline_m[:, :, :2], axis=1).max() == 0.0
+
+
+def test_free_muscles_converge_with_the_square_of_the_step():
+    before, after = actuation(MOMENTS), actuation(MOMENTS[::-1])
+    ends = {}
+    for h in (2.5e-4, 2e-3, 4e-3):
+        rod = tier(3, h)
+        advance(rod, before, before, 0.06, h)
+        advance(rod, after, after, 0.1, h)
+        ends[h] = tips(rod)
+    fine, coarse = (np.abs(ends[h] - ends[2.5e-4]).max() for h in (2e-3, 4e-3))
+    assert 3.2 < coarse / fine < 5.0
+    assert fine < 1e-3 * GEOMETRY.length_m
+
+
+def test_a_grasp_converges_with_the_step():
+    ends = {}
+    for h in (2.5e-4, 1e-3, 2e-3):
+        rod = tier(3, h, body=BULB, planes=TABLE)
+        ends[h] = advance(rod, actuation([0.0, 0.0]), actuation(0.03 * INWARD), 0.4, h).finger_force_n
+    fine, coarse = (np.abs(ends[h] - ends[2.5e-4]).max() for h in (1e-3, 2e-3))
+    assert np.abs(ends[2.5e-4]).max() > 0.05
+    assert fine < 0.7 * coarse
+    assert fine < 0.02 * np.abs(ends[2.5e-4]).max()
+
+
+def energy(rod, moment):
+    """Kinetic and total energy of each muscle, shape (4,); the potential is zero straight."""
+    parts, motion, size = rod._system.rod, rod._motion, rod._coordinates // 4
+    q, rate = (part[: 4 * size].reshape(4, size) for part in rod._state[:2])
+    speed = np.einsum("rk,fkij,fj->fri", parts.inertia, motion.slope[:, 1:], rate)
+    kinetic = 0.5 * (speed**2).sum(axis=(1, 2))
+    stiffness = STIFFNESS / GEOMETRY.active_length_m / (2.0 * (np.arange(size) // 2) + 1.0)
+    elastic = 0.5 * (stiffness * q**2).sum(axis=1) - (moment * q[:, :2]).sum(axis=1)
+    return kinetic, kinetic + elastic + 9.81 * (1.0 - motion.tangent[:, 1:, 2]) @ parts.levers
+
+
+def test_undamped_muscles_swinging_in_space_keep_their_energy_for_ten_seconds():
+    """Started in one plane, pulled into another: a motion out of any plane, in bends up to 150 deg."""
+    step_s, push = 5e-4, np.array([[0.02, 0.0], [0.0, 0.015], [0.01, -0.01], [-0.015, 0.005]])
+    pull = np.array([[0.004, 0.012], [-0.008, 0.0], [0.01, 0.004], [0.0, -0.012]])
+    rod = tier(2, step_s, config=UNDAMPED)
+    advance(rod, actuation(push), actuation(push), 0.15, step_s)
+    start, highest, totals = energy(rod, pull)[1], np.zeros(4), []
+    for _ in range(200):
+        advance(rod, actuation(pull), actuation(pull), 0.05, step_s)
+        kinetic, total = energy(rod, pull)
+        highest = np.maximum(highest, kinetic)
+        totals.append(total - start)
+    drift = np.mean(totals[-40:], axis=0) - np.mean(totals[:40], axis=0)
+    assert (np.abs(drift) < 1e-4 * highest).all()
+    assert (np.abs(totals).max(axis=0) < 1e-3 * highest).all()  # it swings with the square of the step
+
+
+def test_a_quarter_turn_of_everything_turns_the_result():
+    aside = np.array([0.004, 0.001, 0.0])
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    strength = np.array([0.030, 0.032, 0.028, 0.031])
+    results = []
+    for turned in (False, True):
+        position = BULB.position_m + (turn @ aside if turned else aside)
+        rod = tier(3, 1e-3, body=dataclasses.replace(BULB, position_m=position), planes=TABLE)
+        force = np.roll(strength, 1) if turned else strength
+        results.append(advance(rod, actuation([0, 0]), actuation(force[:, None] * INWARD), 0.4, 1e-3))
+    plain, turned = results
+    np.testing.assert_allclose(turned.body.position_m, turn @ plain.body.position_m, atol=1e-6)
+    np.testing.assert_allclose(turned.centreline_m, np.roll(plain.centreline_m @ turn.T, 1, axis=0), atol=1e-6)
+
+
+def test_the_same_steps_give_the_same_bits():
+    ends = []
+    for _ in range(2):
+        rod = tier(3, 2e-3, body=BULB, planes=TABLE)
+        ends.append(advance(rod, actuation([0, 0]), actuation(0.03 * INWARD), 0.3, 2e-3))
+    for name in ("bend_rad", "bend_rate_rad_s", "centreline_m", "finger_force_n"):
+        np.testing.assert_array_equal(getattr(ends[0], name), getattr(ends[1], name))
+
+
+def test_centre_lines_are_as_long_as_the_muscle_and_end_in_the_direction_of_the_bend():
+    state = at_rest(modes=3).state()
+    pieces = np.diff(state.centreline_m, axis=1)
+    np.testing.assert_allclose(np.linalg.norm(pieces, axis=2), 0.01, atol=1.5e-4)  # chords of 10 mm of arc
+    angle = np.linalg.norm(state.bend_rad, axis=1)
+    np.testing.assert_allclose(pieces[:, -1, 2], 0.01 * np.cos(angle), atol=1e-6)
+
+
+@pytest.mark.parametrize("modes", [0, 7])
+def test_a_number_of_modes_that_cannot_be_is_refused(modes):
+    with pytest.raises(TierError, match="1 to 6 modes"):
+        tier(modes, 1e-3)
+
+
+def test_modes_are_only_for_the_rod():
+    with pytest.raises(TierError, match="tier 'arc' takes no modes"):
+        tier(2, 1e-3, name="arc")
+
+
+@pytest.mark.parametrize("step_s", [1e-5, 1e-3, 1e-2, 0.1, 1.0])
+@pytest.mark.parametrize("strength_n_m", [0.04, 0.12, 1.0])
+def test_without_damping_bends_beyond_a_turn_end_finite_or_in_a_typed_error(step_s, strength_n_m):
+    """0.12 N m wind the muscle up by 460 deg at rest, and up to twice that when it swings."""
+    feather = dataclasses.replace(GEOMETRY, mass_per_length_kg_m=0.01 * GEOMETRY.mass_per_length_kg_m)
+    for geometry in (GEOMETRY, feather):
+        setup = TierSetup(geometry, GRIPPER.finger_base_m, 9.81, step_s, None, NO_PLANES, UNDAMPED, 3)
+        rod, push = build_tier("rod", setup), actuation(strength_n_m * INWARD + [[0.0, 0.01]])
+        try:
+            for _ in range(5):
+                advance(rod, push, push, 20 * step_s, step_s)
+        except PlantDivergedError as error:
+            assert "sub_step_s" in str(error)
+        state = rod.state()
+        assert np.isfinite(state.bend_rad).all() and np.isfinite(state.bend_rate_rad_s).all()
+        assert np.isfinite(state.centreline_m).all()
+
+
+def test_the_bend_goes_on_beyond_half_a_turn():
+    moment = 1.2 * np.pi * STIFFNESS / GEOMETRY.active_length_m * INWARD
+    bend = at_rest(3, moment, gravity=0.0).state().bend_rad
+    np.testing.assert_allclose(bend, 1.2 * np.pi * INWARD, atol=1e-5)
+
+
+@pytest.mark.parametrize("step_s", [1e-4, 1e-2, 0.3])
+@pytest.mark.parametrize("mass_kg", [0.001, 10.0])
+@pytest.mark.parametrize("stiffness_n_m", [10.0, 1e8])
+def test_a_grasp_with_any_step_mass_and_contact_stiffness_ends_finite_or_in_a_typed_error(
+    step_s, mass_kg, stiffness_n_m
+):
+    kind = dataclasses.replace(CONFIG.finger_object, stiffness_n_m=stiffness_n_m)
+    body = dataclasses.replace(BULB, mass_kg=mass_kg)
+    rod = tier(3, step_s, body=body, planes=TABLE, config=dataclasses.replace(CONFIG, finger_object=kind))
+    try:
+        advance(rod, actuation([0, 0]), actuation(0.05 * INWARD), max(0.2, 3 * step_s), step_s)
+    except PlantDivergedError as error:
+        assert "sub_step_s" in str(error)
+    state = rod.state()
+    for value in (state.bend_rad, state.centreline_m, state.finger_force_n, state.body.position_m):
+        assert np.isfinite(value).all()
