@@ -82,7 +82,7 @@ def test_the_reported_forces_on_the_held_bulb_sum_to_its_weight_at_every_step_si
 @pytest.mark.parametrize("sub_step_s", [0.0005, 0.001, 0.002, 0.005])
 def test_the_forces_of_muscles_that_wrap_around_the_held_bulb_sum_to_its_weight_at_every_step_size(sub_step_s):
     result = grasp("bulb", tier="rod", sub_step_s=sub_step_s)
-    assert 0.1 < result.rise_m < 0.12  # at 100 kPa they draw it in, up to where friction stops it
+    assert result.rise_m > 0.1 and not result.lifted.palm_force_n.any()  # drawn in up to where friction stops it
     assert np.linalg.norm(result.lifted.object_in_world.velocity_m_s) < 1e-3
     total = result.lifted.finger_force_n.sum(axis=0)
     np.testing.assert_allclose(total, [0.0, 0.0, -result.weight_n], atol=0.02 * result.weight_n)
