@@ -198,16 +198,19 @@ def draw_ablations(variants: Sequence[dict], path: Path) -> None:
     """Draw the error of each variant.
 
     Args:
-        variants: with ``name``, ``theta_rms_pct``, ``theta_mean_pct``, ``force_rms_pct``.
+        variants: with ``name``, ``points``, ``theta_rms_pct``, ``theta_mean_pct``, ``force_rms_pct``.
     """
     figure = _figure(10.0, 0.42 * len(variants) + 1.6)
     axis = figure.subplots()
     place = np.arange(len(variants))[::-1]
     axis.barh(place + 0.2, [v["theta_rms_pct"] for v in variants], 0.38, color="#1f77b4", label="bend, rms")
     axis.barh(place - 0.2, [v["force_rms_pct"] for v in variants], 0.38, color="#ff7f0e", label="force, rms")
-    axis.plot([v["theta_mean_pct"] for v in variants], place + 0.2, "k|", ms=10, mew=2.0, label="bend, mean error")
+    mean = {"ms": 6, "color": "black", "mec": "white", "label": "bend, mean error"}
+    axis.plot([v["theta_mean_pct"] for v in variants], place + 0.2, "D", **mean)
     axis.axvline(0.0, color="black", lw=0.8)
-    axis.set_yticks(place, [v["name"] for v in variants])
+    most = max(v["points"] for v in variants)
+    names = [v["name"] + (f" ({v['points']} of {most} points)" if v["points"] < most else "") for v in variants]
+    axis.set_yticks(place, names)
     axis.set_xlabel("error against the paper's finite elements [%]")
     axis.set_title("What each choice does to the error at 100 kPa")
     axis.grid(axis="x", alpha=0.3)

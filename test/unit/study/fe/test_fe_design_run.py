@@ -29,9 +29,8 @@ def test_at_100_kpa_the_numbers_belong_together():
     assert heavy > weightless + 0.1 and math.isfinite(heavy)
 
 
-@pytest.mark.parametrize("a_mm, pattern", [(1.5, "psc"), (3.5, "pdc")])
-def test_the_domains_softest_corners_are_followed_to_120_kpa(a_mm, pattern):
-    cell = Run(CellGeometry(a_mm=a_mm, b_mm=1.0), pattern, MESHES["coarse"]).cell()
+def test_the_domains_softest_corner_is_followed_to_120_kpa():
+    cell = Run(CellGeometry(a_mm=1.5, b_mm=1.0), "psc", MESHES["coarse"]).cell()
     nominal = cell.free_bend(0.1)
     beyond = cell.free_bend(0.12, nominal)
     assert beyond.angle_rad > nominal.angle_rad > 0.0

@@ -115,7 +115,7 @@ class TestPictures:
         level = {"parameter": "n", "theta_deg": 90.0, "force_n": 0.5, "paper_force_n": None, "paper_theta_deg": None}
         levels = [{**level, "level": 6.0}, {**level, "level": 14.0, "paper_force_n": 0.6, "paper_theta_deg": 99.0}]
         draw_effects(levels, tmp_path / "effects.png")
-        variant = {"name": "x", "theta_rms_pct": 4.0, "theta_mean_pct": -1.0, "force_rms_pct": 6.0}
+        variant = {"name": "x", "points": 6, "theta_rms_pct": 4.0, "theta_mean_pct": -1.0, "force_rms_pct": 6.0}
         draw_ablations([variant], tmp_path / "ablations.png")
         for name in ("curves", "parity", "effects", "ablations"):
             assert len(self.drawn(tmp_path / f"{name}.png")) > 20
