@@ -34,9 +34,9 @@ from mbpam_ros.study.design.accuracy import JudgingError
 from mbpam_ros.study.design.comparison import Judged, judge
 from mbpam_ros.study.design.pictures import PictureError, draw_comparison, draw_uncertainty
 from mbpam_ros.study.design.responses import published_coefficients
-from mbpam_ros.study.design.result_file import ResultFileError, write_json
 from mbpam_ros.study.design.samples import RESPONSES, Samples
 from mbpam_ros.study.design.uncertainty import uncertain_kriging, uncertainty_map
+from mbpam_ros.study.result_file import ResultFileError, write_json
 
 _KRIGING = ("krg", "krg_nugget")
 

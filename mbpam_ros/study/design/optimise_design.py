@@ -31,9 +31,9 @@ from mbpam_ros.study.design.nsga2 import nsga2
 from mbpam_ros.study.design.pareto import Front, FrontError, grid_front, hypervolume_ratio
 from mbpam_ros.study.design.pictures import PictureError, draw_optimisation
 from mbpam_ros.study.design.responses import PUBLISHED, Responses, fitted_responses, published_responses
-from mbpam_ros.study.design.result_file import ResultFileError, write_json
 from mbpam_ros.study.design.samples import Samples
 from mbpam_ros.study.design.uncertainty import kriging_sigma, uncertain_kriging
+from mbpam_ros.study.result_file import ResultFileError, write_json
 
 ALGORITHMS: dict[str, Callable[[Evaluations, int], None]] = {"mopso": mopso, "nsga2": nsga2}
 LEAST_HYPERVOLUME_RATIO = 0.995

@@ -30,8 +30,8 @@ from mbpam_ros.study.design.latin_hypercube import (
     to_unit,
 )
 from mbpam_ros.study.design.pictures import PictureError, draw_sampling
-from mbpam_ros.study.design.result_file import ResultFileError, write_json, write_text
 from mbpam_ros.study.design.samples import Samples
+from mbpam_ros.study.result_file import ResultFileError, write_json, write_text
 
 VARIABLES = {"a,b": ("a_mm", "b_mm"), "a,b,c,n": ("a_mm", "b_mm", "c_mm", "n")}
 """What can be sampled, with the columns of the result."""

@@ -25,7 +25,6 @@ from mbpam_ros.study.fe.ablations import SPREAD_POINTS, ablations
 from mbpam_ros.study.fe.design_run import MESHES, NO_EQUILIBRIUM, Run, bend_curve
 from mbpam_ros.study.fe.effects import effects
 from mbpam_ros.study.fe.executors import LOCAL_CLUSTER, ExecutorError, open_executor
-from mbpam_ros.study.fe.job_queue import ResultFileError, write_json
 from mbpam_ros.study.fe.law_table import law_table
 from mbpam_ros.study.fe.mesh import PATTERNS, CellGeometry
 from mbpam_ros.study.fe.paper_comparison import (
@@ -38,6 +37,7 @@ from mbpam_ros.study.fe.paper_comparison import (
 from mbpam_ros.study.fe.pictures import PictureError, draw_ablations, draw_effects, require_matplotlib
 from mbpam_ros.study.fe.posture import END_LENGTH_MM, END_WEIGHT_FACTOR
 from mbpam_ros.study.fe.progress import ProgressBar
+from mbpam_ros.study.result_file import ResultFileError, write_json
 
 
 class CommandError(ValueError):

@@ -6,7 +6,6 @@ force is that of the straight propped rod, F = M0 int(x) / int(x^2), with the mo
 
 from __future__ import annotations
 
-import importlib.metadata
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -15,7 +14,7 @@ import numpy as np
 
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
-from mbpam_ros.actuator.planar_rod import blocked_tip_force_per_moment
+from mbpam_ros.actuator.planar_rod import RodSolutionError, blocked_tip_force_per_moment
 from mbpam_ros.study.fe.law import BendingLaw, LawError
 from mbpam_ros.study.fe.material import Silicone
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
@@ -28,6 +27,7 @@ from mbpam_ros.study.fe.posture import (
 )
 from mbpam_ros.study.fe.solve import LoadStepError, StepControl
 from mbpam_ros.study.fe.unit_cell import UnitCell
+from mbpam_ros.study.fe.versions import library_versions
 
 NOMINAL_KPA = 100.0
 NOT_MODELLED = ("self-contact", "viscosity", "end caps", "sliding contact of the blocked tip")
@@ -44,7 +44,7 @@ free bend at 100 kPa. ``coarse`` is for trying things out."""
 _SHORT_WAY = StepControl(first_step=0.5, largest_step=0.5)
 """From one pressure or bend of a curve to the next, two steps are enough; one that is not is halved."""
 
-NO_EQUILIBRIUM = (LoadStepError, LawError, PostureError)
+NO_EQUILIBRIUM = (LoadStepError, LawError, PostureError, RodSolutionError)
 """What a run raises when the finite elements or the rod find no equilibrium."""
 
 
@@ -78,6 +78,16 @@ class Run:
         """Return the unit cell of this job."""
         return UnitCell(self.geometry, self.pattern, self.resolution, self.silicone, control=control)
 
+    def muscle_geometry(self) -> MuscleGeometry:
+        """Return the muscle as a rod, its weight that of the waved part."""
+        geometry = self.geometry
+        return MuscleGeometry(
+            1e-3 * geometry.outer_radius_mm,
+            1e-3 * self.end_length_mm,
+            1e-3 * geometry.active_length_mm,
+            1e3 * weight_n_mm(geometry) / GRAVITY_M_S2,
+        )
+
     def upright_tip_angle_rad(self, law: BendingLaw) -> float:
         """Return the tip angle in the paper's posture with the law of one pressure.
 
@@ -107,15 +117,11 @@ def nominal_values(run: Run, end_weight_factors: Sequence[float] = ()) -> dict[s
     others_rad = [upright_tip_angle_rad(law, run.geometry, run.end_length_mm, factor) for factor in end_weight_factors]
     straight = cell.held_bend(pressure_mpa, 0.0)
     moment_n_mm = -straight.moment_n_mm
-    length_m, end_m = 1e-3 * run.geometry.active_length_mm, 1e-3 * run.end_length_mm
-    rod = MuscleGeometry(
-        1e-3 * run.geometry.outer_radius_mm, end_m, length_m, 1e3 * weight_n_mm(run.geometry) / GRAVITY_M_S2
-    )
     return {
         "free_bend_deg": math.degrees(free.angle_rad) * cell.angle_per_muscle,
         "theta_deg": math.degrees(upright_rad),
         "straight_moment_n_mm": moment_n_mm,
-        "force_n": 1e-3 * moment_n_mm * blocked_tip_force_per_moment(rod),
+        "force_n": 1e-3 * moment_n_mm * blocked_tip_force_per_moment(run.muscle_geometry()),
         **({"theta_deg_by_end_weight": np.degrees(others_rad).tolist()} if others_rad else {}),
         "bend_samples_deg": np.degrees(law.bend_rad).tolist(),
         "moment_samples_n_mm": law.moment_n_mm.tolist(),
@@ -142,19 +148,11 @@ def settings(run: Run) -> dict[str, object]:
     """Return what the numbers depend on besides a and b, and the versions they were made with."""
     geometry = asdict(run.geometry)
     del geometry["a_mm"], geometry["b_mm"]
-    versions = {name: _version(name) for name in ("felupe", "numpy", "scipy", "pypardiso")}
     return {
         "convention": "outer radius R - a/2 (1 - cos(2 pi z / lambda)); radial wall c; chambers x, y > b/2",
         "geometry": {**geometry, "end_length_mm": run.end_length_mm, "end_weight_factor": run.end_weight_factor},
         "resolution": asdict(run.resolution),
         "silicone": asdict(run.silicone),
         "not_modelled": list(NOT_MODELLED),
-        "versions": versions,
+        "versions": library_versions(),
     }
-
-
-def _version(name: str) -> str | None:
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        return None

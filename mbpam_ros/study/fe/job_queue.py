@@ -9,12 +9,9 @@ from pathlib import Path
 
 from mbpam_ros.study.fe.design_run import NO_EQUILIBRIUM
 from mbpam_ros.study.fe.progress import ProgressBar
+from mbpam_ros.study.result_file import ResultFileError, write_json
 
 REDRAW_S = 1.0
-
-
-class ResultFileError(RuntimeError):
-    """The file holds something else, and is left alone."""
 
 
 class ResultFile:
@@ -107,15 +104,3 @@ def run_jobs(
             future.cancel()
         raise
     return failures
-
-
-def write_json(path: Path, content: dict) -> None:
-    """Write JSON so that an interrupt leaves the old file or the new one.
-
-    Raises:
-        ValueError: a number is not finite.
-        OSError: the file cannot be written.
-    """
-    beside = path.with_name(path.name + ".part")
-    beside.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    beside.replace(path)

@@ -167,8 +167,9 @@ def draw_effects(designs: Sequence[dict], path: Path) -> None:
     """Draw bend and force at 100 kPa against each parameter, as figure 6 of the paper does.
 
     Args:
-        designs: with ``parameter``, ``level``, ``theta_deg``, ``force_n``, and ``paper_theta_deg``,
-            ``paper_force_n`` where the paper's tables hold that design, else None.
+        designs: with ``parameter``, ``level``, ``theta_deg``, ``force_n`` (straight propped rod), ``blocked_force_n``
+            (tip on a plate), and ``paper_theta_deg``, ``paper_force_n`` where the paper's tables hold that design,
+            else None.
     """
     parameters = list(dict.fromkeys(design["parameter"] for design in designs))
     figure = _figure(3.3 * len(parameters), 6.4)
@@ -176,16 +177,21 @@ def draw_effects(designs: Sequence[dict], path: Path) -> None:
     for column, parameter in enumerate(parameters):
         members = sorted((d for d in designs if d["parameter"] == parameter), key=lambda d: d["level"])
         levels = [member["level"] for member in members]
-        for row, key in enumerate(("theta_deg", "force_n")):
+        for row, (key, known_key) in enumerate(
+            (("theta_deg", "paper_theta_deg"), ("blocked_force_n", "paper_force_n"))
+        ):
             axis = panels[row, column]
             axis.plot(levels, [member[key] for member in members], "o-", color="#1f77b4", label="this model")
-            known = [(m["level"], m[f"paper_{key}"]) for m in members if m[f"paper_{key}"] is not None]
+            known = [(m["level"], m[known_key]) for m in members if m[known_key] is not None]
             if known:
                 axis.plot(*zip(*known, strict=True), "s--", color="#ff7f0e", mfc="none", label="paper (tables)")
             axis.grid(alpha=0.3)
+        propped = [member["force_n"] for member in members]
+        panels[1, column].plot(levels, propped, "x:", color="#7f7f7f", label="straight propped rod")
         panels[1, column].set_xlabel(f"{parameter} [mm]" if parameter != "n" else "n (waves)")
         panels[1, column].set_xticks(levels)
     panels[0, 0].legend(fontsize=9)
+    panels[1, 0].legend(fontsize=9)
     panels[0, 0].set_ylabel("bend at 100 kPa [deg]")
     panels[1, 0].set_ylabel("blocked force at 100 kPa [N]")
     for axis in panels.ravel():

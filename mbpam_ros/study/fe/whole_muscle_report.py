@@ -25,10 +25,11 @@ import numpy as np
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
 from mbpam_ros.study.fe.muscle_mesh import EndPieces
 from mbpam_ros.study.fe.plate_contact import STICKING, Plate
-from mbpam_ros.study.fe.result_file import library_versions, write_json
 from mbpam_ros.study.fe.solve import LoadStepError
 from mbpam_ros.study.fe.unit_cell import UnitCell
+from mbpam_ros.study.fe.versions import library_versions
 from mbpam_ros.study.fe.whole_muscle import MuscleState, WholeMuscle
+from mbpam_ros.study.result_file import write_json
 
 NOMINAL_MPA = 0.1
 PAPER_FRICTION = 0.6

@@ -37,6 +37,7 @@ def test_one_parameter_at_a_time_beside_the_paper(tmp_path, monkeypatch):
         return {"theta_deg": theta, "force_n": 1.0 - 0.1 * geometry.a_mm + 0.1 * geometry.b_mm}
 
     monkeypatch.setattr(effects, "nominal_values", quick)
+    monkeypatch.setattr(effects, "blocked_force_n", lambda run: 1.0 + 0.1 * run.geometry.b_mm)
     with ThreadPoolExecutor(1) as executor:
         result = effects.effects(Run(CellGeometry(), "psc"), tmp_path / "x.json", executor, ProgressBar(io.StringIO()))
     assert len(run_designs) == len(set(run_designs)) == 10  # the initial design is in three of the four series

@@ -112,7 +112,8 @@ class TestPictures:
         draw_curves([curve], [("pdc", 100.0, 151.0, "measured")], tmp_path / "curves.png")
         point = {"source": "table_1:1", "theta_deg": 150.0, "force_n": 0.6, "fe_theta_deg": 148.0, "fe_force_n": 0.5}
         draw_parity([point], {}, tmp_path / "parity.png")
-        level = {"parameter": "n", "theta_deg": 90.0, "force_n": 0.5, "paper_force_n": None, "paper_theta_deg": None}
+        level = {"parameter": "n", "theta_deg": 90.0, "force_n": 0.5, "blocked_force_n": 0.6}
+        level |= {"paper_force_n": None, "paper_theta_deg": None}
         levels = [{**level, "level": 6.0}, {**level, "level": 14.0, "paper_force_n": 0.6, "paper_theta_deg": 99.0}]
         draw_effects(levels, tmp_path / "effects.png")
         variant = {"name": "x", "points": 6, "theta_rms_pct": 4.0, "theta_mean_pct": -1.0, "force_rms_pct": 6.0}

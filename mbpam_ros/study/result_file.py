@@ -1,4 +1,4 @@
-"""Write a command's results so that an interrupt leaves the old file or the new one."""
+"""Files of results, written so that an interrupt leaves the old file or the new one."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 class ResultFileError(RuntimeError):
-    """A result could not be written; the message says where and why."""
+    """A result cannot be written, or its file holds something else; the message says where and why."""
 
 
 def write_json(path: Path, content: dict) -> None:
