@@ -73,11 +73,11 @@ def test_a_design_gives_its_curve_and_nothing_else(monkeypatch, tmp_path, capsys
 
 def test_an_interrupt_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path):
     path = tmp_path / "x.json"
-    designs = ["table_1:9", "table_2:7"]
+    designs = ["table_1:9", "table_2:7", "table_1:14"]  # two more: the interrupt cannot come too late
     command = [*COMMAND, "--mesh", "coarse", "--points", ",".join(designs), "--workers", "1", "--no-pictures"]
     command += ["--json", str(path)]
     run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    assert run.stdout.readline().startswith("[1/2]")
+    assert run.stdout.readline().startswith("[1/3]")
     os.killpg(run.pid, signal.SIGINT)  # as a terminal does: the workers get it too
     _, said = run.communicate(timeout=30)
     assert run.returncode == 130
@@ -85,12 +85,13 @@ def test_an_interrupt_keeps_what_is_finished_and_the_same_command_goes_on(tmp_pa
         "calibrate_fe: interrupted; what is finished is kept, the same command goes on from it"
     ]
     kept = json.loads(path.read_text())["points"]
-    assert [row["source"] for row in kept] == designs[:1]
+    finished = len(kept)
+    assert 1 <= finished < 3 and [row["source"] for row in kept] == designs[:finished]
 
     again = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert designs[0] not in again.stdout and f"[2/2]     {designs[1]}" in again.stdout
+    assert designs[0] not in again.stdout and f"[3/3]    {designs[2]}" in again.stdout
     rows = json.loads(path.read_text())["points"]
-    assert rows[0] == kept[0] and rows[1]["source"] == designs[1]
+    assert rows[:finished] == kept and [row["source"] for row in rows] == designs
 
 
 def test_without_felupe_the_extra_is_named(monkeypatch, capsys):
