@@ -89,7 +89,7 @@ def build_plant(
         seed: of the transducers' noise. The same seed and steps give the same bits.
 
     Raises:
-        ConfigError: a file is wrong, or the object starts inside its support.
+        ConfigError: a file is wrong, or the object starts inside its support or the palm.
         TierError: no such tier, or it cannot compute what the scene holds.
         PneumaticsInputError: no such pneumatic model.
     """
@@ -249,8 +249,14 @@ def _body(scene: Scene) -> RigidBody | None:
     if spec is None:
         return None
     position, orientation = np.array(scene.config.object_position_m), scene.object_orientation_xyzw
+    reach = half_height(spec.shape, spec.size_m, orientation)
+    if position[2] < reach - REST_TOLERANCE_M:
+        raise ConfigError(
+            f"scene {scene.name}: the object starts {1e3 * (reach - position[2]):.1f} mm inside the palm; "
+            f"set the third of object_position_m to {reach:.4f} or more"
+        )
     if support is not None:
-        inside = position[2] + half_height(spec.shape, spec.size_m, orientation) - support.depth_m
+        inside = position[2] + reach - support.depth_m
         if inside > REST_TOLERANCE_M:
             raise ConfigError(
                 f"scene {scene.name}: the object starts {1e3 * inside:.1f} mm inside its support; "

@@ -76,6 +76,12 @@ def test_an_object_inside_its_support_is_refused_with_the_depth_that_would_do(tm
         build_plant(scene, load_gripper())
 
 
+def test_an_object_inside_the_palm_is_refused_with_the_depth_that_would_do(tmp_path):
+    scene = load_scene(changed(tmp_path, object_position_m=[0.0, 0.0, 0.010], support=None))
+    with pytest.raises(ConfigError, match=r"20\.0 mm inside the palm.*0\.0300"):
+        build_plant(scene, load_gripper())
+
+
 def test_a_table_that_the_hanging_muscles_would_pierce_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="deeper table"):
         build_plant(load_scene(changed(tmp_path, support={"depth_m": 0.115})), load_gripper())
