@@ -7,7 +7,9 @@ four pressures are blended from these two. With n_i the direction away from cham
     M0 = sum_i n_i [M_S(p_i) + gamma(p_i) sum_{j != i} min(p_i, p_j)],   gamma(p) = (M_D(p) / sqrt(2) - M_S(p)) / p :
 
 each chamber pushes as it does alone (subscript S for PSC), and more when others stretch the axis; how much more is what
-PDC (D) has over two single chambers. The stiffness is that of an anisotropic section seen along M0. A chamber adds
+PDC (D) has over two single chambers. Where gamma is negative (below 50 and above 110 kPa) the largest of the three min
+stands for their sum: three times what two chambers take from each other would turn the push of the stronger chamber
+around. The stiffness is that of an anisotropic section seen along M0. A chamber adds
 d_S = B_S - B0 against bending toward it and d_P = B_D - B_S across it (PDC bends at 45 deg to both chambers: it has
 d_S / 2 + d_P / 2 of each), so with alpha_i the angle between M0 and n_i
 
@@ -18,8 +20,8 @@ chambers at equal pressure give none, and all is continuous: where M0 vanishes u
 sin^2 pass to 1/2 each. B_S(0) = B_D(0) = B0, because an unpressurised cross-section of fourfold symmetry is isotropic.
 
 Against unit cells under ten unequal sets at 60, 80 and 100 kPa (``config/data/fe_unequal_pressures.json``; the blend's
-form was chosen in view of those at 100 kPa, nothing was fitted to them) M0 is off by 3.0 % rms (8.1 % at worst) and the
-free bend by 4.1 % (10.3 %), both as vectors; (p, p/2, 0, 0) by 2.2 and 2.2 %, (p, 0, p/2, 0) by 3.8 and 4.1 % at worst;
+form was chosen in view of those at 100 kPa, nothing was fitted to them) M0 is off by 2.9 % rms (8.1 % at worst) and the
+free bend by 4.0 % (10.3 %), both as vectors; (p, p/2, 0, 0) by 2.2 and 2.2 %, (p, 0, p/2, 0) by 3.8 and 4.1 % at worst;
 directions are within 1 deg. Of opposite chambers at equal pressure, B is off by up to a fifth for one diagonal; for all
 four chambers above 60 kPa it is far too low (2.3 against 3.1 mN m2 at 100 kPa): what a common stretch adds to the
 stiffness is not in the two patterns.
@@ -116,7 +118,8 @@ class RodLaw:
         alone = np.interp(pressure, grid, self.psc_moment_n_m)
         # Sums of two numbers, then of two sums: a turn or a mirror of the pressures changes no digit.
         shared = [np.minimum(pressure, np.roll(pressure, shift, axis=-1)) for shift in (1, 2, 3)]
-        push = alone + np.interp(pressure, grid, self._gain) * (shared[0] + shared[2] + shared[1])
+        gain, largest = np.interp(pressure, grid, self._gain), np.maximum.reduce(shared)
+        push = alone + gain * np.where(gain > 0.0, shared[0] + shared[2] + shared[1], largest)
         toward = push[..., 2:] - push[..., :2]  # along the diagonals at azimuth 45 and 135 deg
         moment = np.empty_like(toward)
         moment[..., 0] = _ROOT_HALF * (toward[..., 0] - toward[..., 1])

@@ -76,7 +76,14 @@ def test_an_interrupt_keeps_what_is_finished_and_the_same_command_goes_on(tmp_pa
     designs = ["table_1:9", "table_2:7", "table_1:14"]  # two more: the interrupt cannot come too late
     command = [*COMMAND, "--mesh", "coarse", "--points", ",".join(designs), "--workers", "1", "--no-pictures"]
     command += ["--json", str(path)]
-    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    run = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # ignored where the tests run in a background
+    )
     assert run.stdout.readline().startswith("[1/3]")
     os.killpg(run.pid, signal.SIGINT)  # as a terminal does: the workers get it too
     _, said = run.communicate(timeout=30)
