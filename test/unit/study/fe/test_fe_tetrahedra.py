@@ -15,7 +15,7 @@ from mbpam_ros.study.fe.material import Silicone, YeohMaterial  # noqa: E402
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution, unit_cell_mesh  # noqa: E402
 from mbpam_ros.study.fe.muscle_mesh import muscle_mesh  # noqa: E402
 from mbpam_ros.study.fe.solid_body import SolidBody  # noqa: E402
-from mbpam_ros.study.fe.tetrahedra import CUT  # noqa: E402
+from mbpam_ros.study.fe.tetrahedra import CUT, FACES  # noqa: E402
 from mbpam_ros.study.fe.unit_cell import UnitCell  # noqa: E402
 
 HEXAHEDRA = Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2)
@@ -60,9 +60,12 @@ def test_solid_and_gas_have_the_volumes_of_the_hexahedra(resolution, pattern):
 
 @BOTH_PATTERNS
 def test_neighbours_share_whole_triangles_and_the_gas_touches_only_triangles_of_the_surface(pattern):
-    mesh = mesh_of(GROUPED, pattern)
+    mesh, uncut = mesh_of(GROUPED, pattern), mesh_of(HEXAHEDRA, pattern)
+    quads = Counter(tuple(sorted(quad)) for cell in uncut.cells for quad in cell[FACES].tolist())
     sides = Counter(tuple(sorted(side)) for cell in tetrahedra_of(mesh).tolist() for side in combinations(cell, 3))
     assert set(sides.values()) == {1, 2}
+    alone, alone_quads = (sum(count == 1 for count in shared.values()) for shared in (sides, quads))
+    assert alone == 4 * alone_quads
     edges = Counter(edge for side, count in sides.items() if count == 1 for edge in combinations(side, 2))
     assert set(edges.values()) == {2}  # the surface is closed
     for faces in mesh.faces.values():
