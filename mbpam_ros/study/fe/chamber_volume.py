@@ -28,7 +28,8 @@ class ChamberVolume:
     """Volume of one chamber: closed by its faces and the symmetry plane, or open at an end plane and covered there.
 
     Args:
-        faces: of walls and caps, shape (n, 4 or 8), normals out of the gas.
+        faces: of walls and caps, shape (n, 4 or 8), normals out of the gas; (n, 5) are four triangles each, around the
+            last node.
         rim: edges around the opening at the end plane, shape (m, 2 or 3), counter-clockwise; None if closed.
         cover_node: number of the node P, on the end plane and in the symmetry plane; with ``rim``.
     """
@@ -36,7 +37,7 @@ class ChamberVolume:
     def __init__(
         self, faces: NDArray[np.int64], rim: NDArray[np.int64] | None = None, cover_node: int | None = None
     ) -> None:
-        self._nodes, self._weights = _triples(faces, _face_tensor(faces.shape[1]))  # (triples, 3), (triples,)
+        self._nodes, self._weights = _triangles(faces) if faces.shape[1] == 5 else _triples(faces)
         if rim is not None:
             edges, edge_weights = _pairs(rim)
             cover = np.concatenate([np.full((len(edges), 1), cover_node), edges], axis=1)
@@ -99,8 +100,9 @@ def _face_shape(s: float, t: float, nodes: int) -> tuple[NDArray, NDArray, NDArr
     return np.append(shape, middle), np.append(slope_s, middle_s), np.append(slope_t, middle_t)
 
 
-def _triples(faces: NDArray[np.int64], tensor: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Collect sum_abc T_abc det(x_a, x_b, x_c) over distinct nodes a < b < c."""
+def _triples(faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Collect sum_abc T_abc det(x_a, x_b, x_c) over distinct nodes a < b < c: (triples, 3) and their weights."""
+    tensor = _face_tensor(faces.shape[1])
     chosen, weights = [], []
     for triple in itertools.combinations(range(faces.shape[1]), 3):
         even = sum(tensor[triple[i], triple[(i + 1) % 3], triple[(i + 2) % 3]] for i in range(3))
@@ -110,6 +112,13 @@ def _triples(faces: NDArray[np.int64], tensor: NDArray[np.float64]) -> tuple[NDA
             weights.append(even - odd)
     nodes = faces[:, np.array(chosen)]  # (faces, triples, 3)
     return nodes.reshape(-1, 3), np.tile(weights, len(faces))
+
+
+def _triangles(faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The triangles between two corners and the middle (last); each has V = 1/6 det(x_a, x_b, x_c)."""
+    corners, middle = faces[:, :4], np.repeat(faces[:, 4:], 4, axis=1)
+    nodes = np.stack([corners, np.roll(corners, -1, axis=1), middle], axis=-1).reshape(-1, 3)
+    return nodes, np.full(len(nodes), 1.0 / 6.0)
 
 
 def _pairs(rim: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

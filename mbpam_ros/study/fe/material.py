@@ -7,7 +7,7 @@ With F the deformation gradient, J = det F and I = J^(-2/3) F:F the first invari
     P = W' dI/dF,   A = W'' dI/dF x dI/dF + W' d2I/dF2   [N/mm2].
 
 The volumetric energy is K/2 (J - 1)^2 per volume: J at the point for quadratic elements (reduced integration keeps
-them from locking), the mean over the element for trilinear ones (mean dilatation).
+them from locking), the mean over the element (or group of tetrahedra) for linear ones (mean dilatation).
 """
 
 from __future__ import annotations

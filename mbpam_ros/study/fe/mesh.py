@@ -18,16 +18,18 @@ half of chamber 1, all of chamber 2 and half of chamber 3 are in it (4 is the im
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.configuration import require_positive
+from mbpam_ros.study.fe.tetrahedra import CUT, cut_cells
 
 PATTERNS = ("pdc", "psc")
 SECTIONS = {"pdc": range(0, 4), "psc": range(1, 5), "full": range(0, 8)}
 """The octants of the section that are meshed; the first one is turned to begin at y = 0."""
+TETRAHEDRA = ("single", "grouped")
 _SAME_POINT_MM = 1e-7
 
 # Node offsets of a cell, a face and an edge, in the node order of VTK (and FElupe), in half cells.
@@ -108,9 +110,11 @@ class Resolution:
         spoke: along an arm, from the core to the wall.
         sector: around half a chamber.
         quadratic: 20-node hexahedra with reduced integration instead of trilinear ones with mean dilatation.
+        tetrahedra: cut every trilinear hexahedron into 24 linear tetrahedra; ``single``: with a dilatation of each,
+            ``grouped``: with the mean dilatation of the 24.
 
     Raises:
-        ValueError: a number is not positive, or odd where it must be even.
+        ValueError: a number is not positive, or odd where it must be even; tetrahedra of an unknown kind, or quadratic.
     """
 
     wave: int = 8
@@ -119,11 +123,24 @@ class Resolution:
     spoke: int = 4
     sector: int = 3
     quadratic: bool = False
+    tetrahedra: str | None = None
 
     def __post_init__(self) -> None:
         require_positive(self, "wave", "wall", "arm", "spoke", "sector")
         if self.wave % 2 or self.arm % 2:
             raise ValueError(f"wave = {self.wave} and arm = {self.arm} must be even")
+        if self.tetrahedra is not None:
+            if self.tetrahedra not in TETRAHEDRA:
+                raise ValueError(f"unknown tetrahedra {self.tetrahedra!r}; known: {', '.join(TETRAHEDRA)}")
+            if self.quadratic:
+                raise ValueError("tetrahedra are cut from trilinear hexahedra; leave quadratic out")
+
+    def settings(self) -> dict[str, object]:
+        """Return what tells this mesh from others; hexahedra say nothing of tetrahedra."""
+        fields = asdict(self)
+        if self.tetrahedra is None:
+            del fields["tetrahedra"]
+        return fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +149,10 @@ class CellMesh:
 
     Args:
         points_mm: shape (nodes, 3), all in y >= 0 but for the full section.
-        cells: node numbers, shape (cells, 8 or 20), VTK order.
-        faces: per meshed chamber (1 to 4) the wall faces, shape (faces, 4 or 8), normal pointing out of the gas.
+        cells: node numbers, shape (cells, 8 or 20), VTK order; of tetrahedra (cells, 4 or 15), the latter in groups
+            (:mod:`~mbpam_ros.study.fe.tetrahedra`).
+        faces: per meshed chamber (1 to 4) the wall faces, shape (faces, 4 or 8), normal pointing out of the gas; of
+            tetrahedra (faces, 5), four triangles around the last node.
         rims: per chamber the edges around its opening at z = ``length_mm``, shape (edges, 2 or 3; the middle node
             last), counter-clockwise around the gas seen from +z.
         length_mm: of the cell.
@@ -166,10 +185,14 @@ def unit_cell_mesh(geometry: CellGeometry, resolution: Resolution, section: str,
         rim = ids[:, -1]
         ends = [rim[:-1:order], rim[order::order]] + ([rim[1::order]] if order == 2 else [])
         rims.setdefault(chamber, []).append(np.stack(ends, axis=1))
+    points, cells, faces = nodes.points_mm, np.concatenate(nodes.cells), nodes.faces()
+    if resolution.tetrahedra:
+        points, cells, faces = cut_cells(points, cells, faces)
+        cells = cells[:, CUT].reshape(-1, 4) if resolution.tetrahedra == "single" else cells
     return CellMesh(
-        points_mm=nodes.points_mm,
-        cells=np.concatenate(nodes.cells),
-        faces=nodes.faces(),
+        points_mm=points,
+        cells=cells,
+        faces=faces,
         rims={chamber: np.concatenate(parts) for chamber, parts in rims.items()},
         length_mm=length,
     )

@@ -85,12 +85,14 @@ def muscle_mesh(
     """Return the mesh of half the whole muscle.
 
     Raises:
-        ValueError: unknown pattern.
+        ValueError: unknown pattern, or a resolution in tetrahedra.
         CellGeometryError: the number of waves is not whole, or the mesh too coarse to fill a cap.
     """
     ends = ends or EndPieces()
     if pattern not in PATTERNS:
         raise ValueError(f"unknown pattern {pattern!r}; known: {', '.join(PATTERNS)}")
+    if resolution.tetrahedra:
+        raise ValueError("the whole muscle is meshed with hexahedra only; tetrahedra are for the unit cell")
     if geometry.wave_count != round(geometry.wave_count):
         raise CellGeometryError(f"a muscle between two crests has whole waves, not {geometry.wave_count:g}")
     if min(resolution.spoke, resolution.sector) < 2:

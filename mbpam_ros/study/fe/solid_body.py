@@ -1,7 +1,13 @@
 """The silicone as energy, forces and tangent of nodal positions, by FElupe. Lengths in mm, forces in N.
 
 The number of nodes of a cell says its kind: 8, trilinear hexahedra with mean dilatation; 20, quadratic serendipity
-hexahedra with reduced integration.
+hexahedra with reduced integration; 4, linear tetrahedra; 15, hexahedra cut into 24 linear tetrahedra that share one
+mean dilatation (:mod:`~mbpam_ros.study.fe.tetrahedra`).
+
+The dilatation of a linear tetrahedron is constant, so its mean changes nothing and tetrahedra by themselves lock: a
+hexahedron brings 24 of them, but only 15 nodal components (one corner, three faces' middles, its own). With one
+dilatation for the 24, the nodes in the faces' middles let volume flow between neighbours, as in the stable pair of
+Bernardi and Raugel (Math. Comp. 44, 1985).
 """
 
 from __future__ import annotations
@@ -11,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from mbpam_ros.study.fe.material import Silicone, YeohMaterial
+from mbpam_ros.study.fe.tetrahedra import CUT, REFERENCE_NODES
 
 try:
     import felupe
@@ -23,7 +30,7 @@ class SolidBody:
 
     Args:
         points_mm: nodes at rest, shape (nodes, 3).
-        cells: node numbers, shape (cells, 8 or 20), VTK order.
+        cells: node numbers, shape (cells, 4, 8, 15 or 20).
         silicone: the material's constants.
     """
 
@@ -31,13 +38,8 @@ class SolidBody:
         self._points, self._cells = points_mm, cells
         self._bulk = silicone.bulk_mpa
         quadratic = cells.shape[1] == 20
-        felupe_mesh = felupe.Mesh(points_mm, cells, "hexahedron20" if quadratic else "hexahedron")
-        if quadratic:
-            region = felupe.RegionQuadraticHexahedron(felupe_mesh, quadrature=felupe.GaussLegendre(order=1, dim=3))
-        else:
-            region = felupe.RegionHexahedron(felupe_mesh)
-        self._region = region
-        self._field = felupe.FieldContainer([felupe.Field(region, dim=3)])
+        self._region = _region(points_mm, cells)
+        self._field = felupe.FieldContainer([felupe.Field(self._region, dim=3)])
         self._material = YeohMaterial(silicone, with_volume=quadratic)
         self._mean_dilatation = not quadratic
         self._new = True
@@ -86,3 +88,51 @@ class SolidBody:
         self._field[0].values[:] = displacement
         if self._mean_dilatation:
             self._solid._extract(self._field)
+
+
+def _region(points_mm: NDArray[np.float64], cells: NDArray[np.int64]) -> felupe.Region:
+    """Shape functions and quadrature of the kind of cell."""
+    kind = cells.shape[1]
+    if kind == 4:
+        return felupe.RegionTetra(felupe.Mesh(points_mm, cells, "tetra"))
+    if kind == 8:
+        return felupe.RegionHexahedron(felupe.Mesh(points_mm, cells, "hexahedron"))
+    if kind == 15:
+        element = _CutHexahedron()
+        return felupe.Region(felupe.Mesh(points_mm, cells), element, element.quadrature)
+    mesh = felupe.Mesh(points_mm, cells, "hexahedron20")
+    return felupe.RegionQuadraticHexahedron(mesh, quadrature=felupe.GaussLegendre(order=1, dim=3))
+
+
+class _CutHexahedron:
+    """The 24 tetrahedra as one element for FElupe: linear in each of them, a point of quadrature in each middle.
+
+    The map from the reference cube is linear in each, so gradients and volumes are those of the tetrahedra.
+    """
+
+    def __init__(self) -> None:
+        self.points = REFERENCE_NODES
+        corners = REFERENCE_NODES[CUT]
+        rows = np.concatenate([np.ones((*CUT.shape, 1)), corners], axis=2)  # (1, r, s, t) of each corner
+        self._coordinates = np.linalg.inv(rows)  # barycentric ones are (1, r, s, t) times this
+        self.quadrature = felupe.quadrature.Scheme(points=corners.mean(axis=1), weights=np.linalg.det(rows) / 6.0)
+
+    def function(self, rst: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the shape functions at a point, shape (15,)."""
+        index, inside = self._at(rst)
+        shape = np.zeros(len(REFERENCE_NODES))
+        shape[CUT[index]] = inside
+        return shape
+
+    def gradient(self, rst: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return their slopes at a point, shape (15, 3)."""
+        index, _ = self._at(rst)
+        slope = np.zeros((len(REFERENCE_NODES), 3))
+        slope[CUT[index]] = self._coordinates[index, 1:].T
+        return slope
+
+    def _at(self, rst: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]]:
+        """The tetrahedron a point is in, and its barycentric coordinates there."""
+        barycentric = np.array([1.0, *rst]) @ self._coordinates
+        index = int(barycentric.min(axis=1).argmax())
+        return index, barycentric[index]
