@@ -51,8 +51,9 @@ def _processes(workers: int) -> Iterator[Executor]:
         yield executor
     except BaseException:
         executor.shutdown(wait=False, cancel_futures=True)
+        # Not by SIGTERM: a worker may have inherited a handler that keeps it.
         for process in set(multiprocessing.active_children()) - before:
-            process.terminate()  # else the command would wait for the jobs that have begun
+            process.kill()  # else the command would wait for the jobs that have begun
         raise
     executor.shutdown()
 
