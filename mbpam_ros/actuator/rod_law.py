@@ -50,6 +50,8 @@ LARGEST_PRESSURE_GAUGE_PA = 200e3
 
 _GRID_STEP_PA = 100.0
 _ROOT_HALF = math.sqrt(0.5)
+_OTHERS = np.array([np.roll(np.arange(CHAMBERS_PER_FINGER), shift) for shift in (1, 2, 3)])
+"""For each chamber the one before it, the one across and the one after it, shape (3, 4)."""
 
 
 @dataclass(frozen=True)
@@ -116,10 +118,11 @@ class RodLaw:
         grid = self.pressure_gauge_pa
         pressure = np.maximum(pressure, 0.0)
         alone = np.interp(pressure, grid, self.psc_moment_n_m)
+        before, across, after = (np.minimum(pressure, pressure[..., others]) for others in _OTHERS)
+        gain = np.interp(pressure, grid, self._gain)
         # Sums of two numbers, then of two sums: a turn or a mirror of the pressures changes no digit.
-        shared = [np.minimum(pressure, np.roll(pressure, shift, axis=-1)) for shift in (1, 2, 3)]
-        gain, largest = np.interp(pressure, grid, self._gain), np.maximum.reduce(shared)
-        push = alone + gain * np.where(gain > 0.0, shared[0] + shared[2] + shared[1], largest)
+        total, largest = before + after + across, np.maximum(np.maximum(before, after), across)
+        push = alone + gain * np.where(gain > 0.0, total, largest)
         toward = push[..., 2:] - push[..., :2]  # along the diagonals at azimuth 45 and 135 deg
         moment = np.empty_like(toward)
         moment[..., 0] = _ROOT_HALF * (toward[..., 0] - toward[..., 1])

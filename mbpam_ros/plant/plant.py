@@ -156,7 +156,8 @@ class Plant:
         if self._failure is not None:
             raise PlantDivergedError(f"{self._failure} Reset the plant.")
         count = self._count_sub_steps(dt_s)
-        pressure = self._chambers.step(spool, dt_s, self._tier.state().bend_rad)
+        bend = {"bend_rad": self._tier.state().bend_rad} if self._chambers.has_volume else {}
+        pressure = self._chambers.step(spool, dt_s, **bend)
         actuation = self._actuate(pressure)
         ends_s = (self._sub_steps + np.arange(count + 1)) * self.sub_step_s
         try:

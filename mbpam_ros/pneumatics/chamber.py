@@ -85,6 +85,9 @@ class ChamberConfig:
 class PneumaticModel(ABC):
     """Sixteen valves and chambers: reset, step, read. A model adds the law of one chamber, :meth:`_flow`."""
 
+    has_volume = False
+    """Whether the bend of the muscles matters to it."""
+
     def __init__(self, config: ChamberConfig) -> None:
         self._config = config
         self.reset()

@@ -201,6 +201,8 @@ def advance(
 class IsoChambers(PneumaticModel):
     """Sixteen chambers with a volume of their own, fed through orifices from one tank."""
 
+    has_volume = True
+
     def __init__(self, config: ChamberConfig) -> None:
         orifice = config.iso6358
         self._tables = gas_volume_tables()
