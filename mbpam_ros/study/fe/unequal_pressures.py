@@ -10,7 +10,6 @@ is given, bending along the diagonals at azimuth 45 and 135 deg.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 from mbpam_ros.study.fe.design_run import Run, settings
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.fe.unit_cell import CellState, UnitCell
+from mbpam_ros.study.result_file import write_json
 
 PRESSURES_KPA = (60.0, 80.0, 100.0)
 SHARES = (
@@ -143,7 +143,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"[{number}/{len(SHARES)}] {shares}: {rows[-1]}", flush=True)
     design = {"a_mm": run.geometry.a_mm, "b_mm": run.geometry.b_mm}
     content = {"settings": {**settings(run), "design": design}, "rows": rows}
-    options.json.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(options.json, content)
     return 0
 
 
