@@ -12,7 +12,10 @@ Virtual work over the active length, where the bending moment is B theta / L - M
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.actuator.design import MuscleGeometry
@@ -50,22 +53,7 @@ def gravity_stiffness_n_m(
     angle_rad: ArrayLike, geometry: MuscleGeometry, gravity_m_s2: float = GRAVITY_M_S2
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the secant V'/theta and the tangent V'' [N m/rad] of gravity at theta = ``angle_rad`` >= 0, any shape."""
-    angle = np.maximum(angle_rad, _SMALLEST_ANGLE_RAD)
-    active, end = geometry.active_length_m, geometry.end_length_m
-    weight = geometry.mass_per_length_kg_m * gravity_m_s2
-    cosine = np.cos(angle)
-    d = np.sin(angle) / angle
-    square = angle * angle
-    a = 2.0 * np.sin(0.5 * angle) ** 2 / square  # 1 - cos theta without its cancellation
-    # From theta D = sin theta and theta^2 A = 1 - cos theta, differentiated twice.
-    d_slope_over_angle = (cosine - d) / square
-    a_slope_over_angle = (d - 2.0 * a) / square
-    d_curve = -d - 2.0 * d_slope_over_angle
-    a_curve = (cosine - 2.0 * a) / square - 4.0 * a_slope_over_angle
-    active2, mixed, end2 = weight * active**2, weight * end * active, 0.5 * weight * end**2
-    secant = end2 * d - active2 * a_slope_over_angle - mixed * d_slope_over_angle
-    tangent = end2 * cosine - active2 * a_curve - mixed * d_curve
-    return secant, tangent
+    return _gravity_stiffness(np.asarray(angle_rad, dtype=float), _gravity(geometry, gravity_m_s2))
 
 
 def hanging_bend(
@@ -92,29 +80,75 @@ def hanging_bend(
     """
     moment = np.asarray(moment_n_m, dtype=float)
     spring = np.asarray(stiffness_n_m2, dtype=float) / geometry.active_length_m
-    load = _magnitude(moment)
-    angle = load / spring
-    low, high = np.zeros_like(angle), angle + _gravity_reach(geometry, gravity_m_s2) / spring
-    for _ in range(_MOST_ITERATIONS):
-        secant, tangent = gravity_stiffness_n_m(angle, geometry, gravity_m_s2)
-        excess = (spring + secant) * angle - load
-        above = excess > 0.0
-        high, low = np.where(above, angle, high), np.where(above, low, angle)
-        moved = angle - excess / (spring + tangent)
-        outside = (moved < low) | (moved > high)
-        if outside.any():
-            moved = np.where(outside, 0.5 * (low + high), moved)
-        is_moving = np.abs(moved - angle) > _LAST_STEP_RAD  # false for NaN: it is passed on, not waited for
-        angle = moved
-        if not is_moving.any():
-            break
-    secant, _ = gravity_stiffness_n_m(angle, geometry, gravity_m_s2)
-    return moment / (spring + secant)[..., None]
+    shape = np.broadcast_shapes(moment.shape[:-1], spring.shape)
+    loads = np.broadcast_to(moment, (*shape, 2)).reshape(-1, 2)
+    springs = np.broadcast_to(spring, shape).reshape(-1)
+    gravity = _gravity(geometry, gravity_m_s2)
+    reach = geometry.mass_per_length_kg_m * abs(gravity_m_s2) * geometry.length_m**2
+    return _rest(loads, springs, gravity, reach).reshape(*shape, 2)
 
 
-def _gravity_reach(geometry: MuscleGeometry, gravity_m_s2: float) -> float:
-    """A bound of |V'| [N m]: the whole weight at the full length."""
-    return geometry.mass_per_length_kg_m * abs(gravity_m_s2) * geometry.length_m**2
+class _Gravity(NamedTuple):
+    """w L^2, w l L and w l^2 / 2 [N m]."""
+
+    active2: float
+    mixed: float
+    end2: float
+
+
+def _gravity(geometry: MuscleGeometry, gravity_m_s2: float) -> _Gravity:
+    active, end = geometry.active_length_m, geometry.end_length_m
+    weight = geometry.mass_per_length_kg_m * gravity_m_s2
+    return _Gravity(weight * active**2, weight * end * active, 0.5 * weight * end**2)
+
+
+def _gravity_stiffness(angle_rad: ArrayLike, gravity: _Gravity) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Secant and tangent of V; plain where arrays come, compiled where single numbers do."""
+    angle = np.maximum(angle_rad, _SMALLEST_ANGLE_RAD)
+    cosine = np.cos(angle)
+    d = np.sin(angle) / angle
+    square = angle * angle
+    a = 2.0 * np.sin(0.5 * angle) ** 2 / square  # 1 - cos theta without its cancellation
+    # From theta D = sin theta and theta^2 A = 1 - cos theta, differentiated twice.
+    d_slope_over_angle = (cosine - d) / square
+    a_slope_over_angle = (d - 2.0 * a) / square
+    d_curve = -d - 2.0 * d_slope_over_angle
+    a_curve = (cosine - 2.0 * a) / square - 4.0 * a_slope_over_angle
+    secant = gravity.end2 * d - gravity.active2 * a_slope_over_angle - gravity.mixed * d_slope_over_angle
+    tangent = gravity.end2 * cosine - gravity.active2 * a_curve - gravity.mixed * d_curve
+    return secant, tangent
+
+
+_gravity_stiffness_of_one = njit(cache=True)(_gravity_stiffness)
+
+
+@njit(cache=True)
+def _rest(
+    moment: NDArray[np.float64], spring: NDArray[np.float64], gravity: _Gravity, reach: float
+) -> NDArray[np.float64]:
+    """Bends at rest (n, 2) for moments (n, 2) and B / L (n,); ``reach`` [N m] bounds |V'|."""
+    bend = np.empty(moment.shape)
+    for i in range(spring.shape[0]):
+        load = np.hypot(moment[i, 0], moment[i, 1])
+        angle = load / spring[i]
+        low, high = 0.0, angle + reach / spring[i]
+        for _ in range(_MOST_ITERATIONS):
+            secant, tangent = _gravity_stiffness_of_one(angle, gravity)
+            excess = (spring[i] + secant) * angle - load
+            if excess > 0.0:
+                high = angle
+            else:
+                low = angle
+            moved = angle - excess / (spring[i] + tangent)
+            if moved < low or moved > high:
+                moved = 0.5 * (low + high)
+            is_moving = abs(moved - angle) > _LAST_STEP_RAD  # false for NaN: it is passed on, not waited for
+            angle = moved
+            if not is_moving:
+                break
+        secant, _ = _gravity_stiffness_of_one(angle, gravity)
+        bend[i, 0], bend[i, 1] = moment[i, 0] / (spring[i] + secant), moment[i, 1] / (spring[i] + secant)
+    return bend
 
 
 def _magnitude(vector: NDArray[np.float64]) -> NDArray[np.float64]:

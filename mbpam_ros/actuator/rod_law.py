@@ -40,6 +40,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
 from mbpam_ros.actuator.bending_law import stored_cell_laws
+from mbpam_ros.actuator.chamber_blend import BlendTables, blend
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER
 
 NOMINAL_PRESSURE_GAUGE_PA = 100e3
@@ -50,8 +51,6 @@ LARGEST_PRESSURE_GAUGE_PA = 200e3
 
 _GRID_STEP_PA = 100.0
 _ROOT_HALF = math.sqrt(0.5)
-_OTHERS = np.array([np.roll(np.arange(CHAMBERS_PER_FINGER), shift) for shift in (1, 2, 3)])
-"""For each chamber the one before it, the one across and the one after it, shape (3, 4)."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +82,8 @@ class RodLaw:
 
     def __post_init__(self) -> None:
         grid = self.pressure_gauge_pa
-        if grid.ndim != 1 or grid[0] != 0.0 or np.any(np.diff(grid) <= 0.0):
-            raise ValueError("pressure_gauge_pa must rise from 0")
+        if grid.ndim != 1 or grid.size < 2 or not np.allclose(grid, grid[1] * np.arange(grid.size)) or grid[1] <= 0.0:
+            raise ValueError("pressure_gauge_pa must rise from 0 in equal steps")
         if self.psc_moment_n_m[0] != 0.0 or self.pdc_moment_n_m[0] != 0.0:
             raise ValueError("the intrinsic moments must be 0 without pressure")
         if not math.isclose(self.psc_stiffness_n_m2[0], self.pdc_stiffness_n_m2[0], rel_tol=1e-9):
@@ -93,11 +92,10 @@ class RodLaw:
         along, across = self.psc_stiffness_n_m2 - start, self.pdc_stiffness_n_m2 - self.psc_stiffness_n_m2
         if start + 2.0 * (along.min() + across.min()) <= 0.0:  # two chambers lie along M0, two across, or in between
             raise ValueError("the bending stiffness must be positive for all pressures")
-        # What the blend looks up, tabulated once for the hot path.
         share = np.divide(1.0, grid, out=np.zeros_like(grid), where=grid > 0.0)
-        object.__setattr__(self, "_gain", (self.pdc_moment_n_m * _ROOT_HALF - self.psc_moment_n_m) * share)
-        object.__setattr__(self, "_mean_rise", 0.5 * (along + across))
-        object.__setattr__(self, "_half_difference", 0.5 * (along - across))
+        gain = (self.pdc_moment_n_m * _ROOT_HALF - self.psc_moment_n_m) * share
+        rows = np.column_stack([self.psc_moment_n_m, gain, 0.5 * (along + across), 0.5 * (along - across)])
+        object.__setattr__(self, "_blend_tables", BlendTables(float(grid[1]), rows, float(start)))
 
     def moment_and_stiffness(self, pressure_gauge_pa: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return M0 and B for the pressures of chambers 1 to 4.
@@ -115,30 +113,8 @@ class RodLaw:
         pressure = np.asarray(pressure_gauge_pa, dtype=float)
         if pressure.shape[-1:] != (CHAMBERS_PER_FINGER,):
             raise ValueError(f"expected pressures of four chambers in the last axis, found shape {pressure.shape}")
-        grid = self.pressure_gauge_pa
-        pressure = np.maximum(pressure, 0.0)
-        alone = np.interp(pressure, grid, self.psc_moment_n_m)
-        before, across, after = (np.minimum(pressure, pressure[..., others]) for others in _OTHERS)
-        gain = np.interp(pressure, grid, self._gain)
-        # Sums of two numbers, then of two sums: a turn or a mirror of the pressures changes no digit.
-        total, largest = before + after + across, np.maximum(np.maximum(before, after), across)
-        push = alone + gain * np.where(gain > 0.0, total, largest)
-        toward = push[..., 2:] - push[..., :2]  # along the diagonals at azimuth 45 and 135 deg
-        moment = np.empty_like(toward)
-        moment[..., 0] = _ROOT_HALF * (toward[..., 0] - toward[..., 1])
-        moment[..., 1] = _ROOT_HALF * (toward[..., 0] + toward[..., 1])
-
-        rise, difference = (np.interp(pressure, grid, table) for table in (self._mean_rise, self._half_difference))
-        square = toward**2
-        # What cancels is left to be isotropic; it is 0 in PSC and PDC.
-        cancelled = np.minimum(alone[..., :2], alone[..., 2:]) ** 2
-        size = (square + cancelled).sum(axis=-1)
-        double_cosine = np.divide(
-            square[..., 0] - square[..., 1], size, out=np.where(np.isnan(size), np.nan, 0.0), where=size > 0.0
-        )
-        anisotropy = (difference[..., 0] + difference[..., 2]) - (difference[..., 1] + difference[..., 3])
-        total = (rise[..., 0] + rise[..., 2]) + (rise[..., 1] + rise[..., 3])
-        return moment, self.psc_stiffness_n_m2[0] + total + anisotropy * double_cosine
+        moment, stiffness = blend(np.ascontiguousarray(pressure.reshape(-1, CHAMBERS_PER_FINGER)), self._blend_tables)
+        return moment.reshape(*pressure.shape[:-1], 2), stiffness.reshape(pressure.shape[:-1])
 
     def of_pattern(self, pattern: str, pressure_gauge_pa: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return M0 [N m] and B [N m2] of the pattern ``psc`` or ``pdc`` at pressures of any shape.

@@ -97,7 +97,7 @@ class PlantNode(GripperNode):
             "scene": self._scene.name,
             "tier": self._scene.config.tier,
             "time_s": f"{self._time_s():.3f}",
-            "hand_lift_m": f"{self._plant.observe().hand_lift_m:.4f}",
+            "hand_lift_m": f"{self._plant.hand_lift_m:.4f}",
             "real_time_factor": f"{self._real_time_factor:.2f}",
         }
         if self._real_time_factor < SLOW_FACTOR:
@@ -169,14 +169,13 @@ class PlantNode(GripperNode):
         else:
             self._stamp = time_stamp(self._time_s())
             self._clock_topic.publish(Clock(clock=self._stamp))
-        observation = self._plant.observe()
         if self._camera is not None:
             if self._ticks % self._camera_every == 0:
-                self._camera.expose(observation, self._stamp)
+                self._camera.expose(self._plant.observe(), self._stamp)
             self._camera.publish_finished(wait=self._lock_step)
         if self._ticks % self._markers_every == 0 and self._markers.get_subscription_count() > 0:
-            self._publish_markers(observation)
-        self._transducers.publish(joint_state(self._stamp, CHANNEL_NAMES, effort=observation.transducer_v))
+            self._publish_markers(self._plant.observe())
+        self._transducers.publish(joint_state(self._stamp, CHANNEL_NAMES, effort=self._plant.transducer_v))
 
     def _time_s(self) -> float:
         """Simulated time [s]; a reset of the scene does not set it back."""

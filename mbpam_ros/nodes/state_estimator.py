@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, run  # isort: skip
 import numpy as np
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseArray
 from sensor_msgs.msg import JointState
@@ -85,25 +86,27 @@ class StateEstimatorNode(GripperNode):
         except (MessageError, ValueError) as error:
             self.refuse("chamber_states", error)
             return
-        self._publish(message)
+        self._publish(message.header.stamp)
         self.publish_health_change()
 
-    def _publish(self, message: JointState) -> None:
-        estimate, stamp = self._estimate, message.header.stamp
-        bend, rate, moment = (
-            field.reshape(-1) for field in (estimate.bend_rad, estimate.bend_rate_rad_s, estimate.moment_n_m)
-        )
-        self._joints.publish(joint_state(stamp, BEND_NAMES, position=bend, velocity=rate, effort=moment))
-        self._forces.publish(
-            joint_state(stamp, FINGER_NAMES, position=estimate.bend_sigma_rad, effort=estimate.tip_force_n)
-        )
-        tips = PoseArray()
-        tips.header.stamp, tips.header.frame_id = stamp, BASE_FRAME
-        tips.poses = [
-            pose(position, orientation)
-            for position, orientation in zip(estimate.tip_position_m, estimate.tip_orientation_xyzw, strict=True)
-        ]
-        self._tips.publish(tips)
+    def _publish(self, stamp: Time) -> None:
+        """Publish the estimate where anybody listens: each message costs as much as the estimate itself."""
+        estimate = self._estimate
+        if self._joints.get_subscription_count() > 0:
+            bend, rate, moment = (
+                field.reshape(-1) for field in (estimate.bend_rad, estimate.bend_rate_rad_s, estimate.moment_n_m)
+            )
+            self._joints.publish(joint_state(stamp, BEND_NAMES, position=bend, velocity=rate, effort=moment))
+        if self._forces.get_subscription_count() > 0:
+            self._forces.publish(
+                joint_state(stamp, FINGER_NAMES, position=estimate.bend_sigma_rad, effort=estimate.tip_force_n)
+            )
+        if self._tips.get_subscription_count() > 0:
+            tips = PoseArray()
+            tips.header.stamp, tips.header.frame_id = stamp, BASE_FRAME
+            poses = zip(estimate.tip_position_m.tolist(), estimate.tip_orientation_xyzw.tolist(), strict=True)
+            tips.poses = [pose(position, orientation) for position, orientation in poses]
+            self._tips.publish(tips)
 
     def _publish_markers(self) -> None:
         if self._estimate is None or self._is_stale() or self._markers.get_subscription_count() == 0:

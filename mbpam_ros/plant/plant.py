@@ -142,6 +142,16 @@ class Plant:
         """Simulated time since reset [s]."""
         return self._sub_steps * self.sub_step_s
 
+    @property
+    def transducer_v(self) -> Array:
+        """The transducers' volts after the last step, shape (16,), without the cost of :meth:`observe`."""
+        return self._volts.copy()
+
+    @property
+    def hand_lift_m(self) -> float:
+        """Rise of the hand [m]."""
+        return float(self._lift.motion(self.time_s)[0])
+
     def step(self, spool: ArrayLike, dt_s: float) -> None:
         """Hold the spool commands, shape (16,) in [-1, 1], for ``dt_s``.
 

@@ -1,0 +1,75 @@
+"""The compiled blend of four chamber pressures into moment and stiffness; :mod:`~mbpam_ros.actuator.rod_law` explains.
+
+It runs at every tick of the plant and nine times a finger in every estimate: compiled it takes a microsecond, where
+array operations on so few numbers took a quarter of a millisecond.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_ROOT_HALF = math.sqrt(0.5)
+
+
+class BlendTables(NamedTuple):
+    """What the blend looks up over pressure.
+
+    Args:
+        step_pa: of the uniform grid, which starts at 0 gauge.
+        rows: on the grid, shape (n, 4): the moment of a chamber alone [N m]; its gain by a neighbour's pressure
+            [N m/Pa]; mean and half difference of what it adds to the stiffness along and across it [N m2].
+        rest_stiffness_n_m2: stiffness without pressure.
+    """
+
+    step_pa: float
+    rows: Array
+    rest_stiffness_n_m2: float
+
+
+@njit(cache=True)
+def blend(pressure_gauge_pa: Array, tables: BlendTables) -> tuple[Array, Array]:
+    """Return M0 (n, 2) [N m] and B (n,) [N m2] for pressures (n, 4); NaN in a row where a pressure is NaN.
+
+    Pressures below 0 count as 0, those above the grid as its end. Sums are taken of two numbers, then of two sums: a
+    turn or a mirror of the pressures changes no digit.
+    """
+    count, last = pressure_gauge_pa.shape[0], tables.rows.shape[0] - 2
+    end_pa = (last + 1) * tables.step_pa
+    moment, stiffness = np.full((count, 2), np.nan), np.full(count, np.nan)
+    pressure, looked_up, push = np.empty(4), np.empty((4, 4)), np.empty(4)
+    for row in range(count):
+        if np.isnan(pressure_gauge_pa[row]).any():
+            continue
+        for chamber in range(4):
+            pressure[chamber] = max(pressure_gauge_pa[row, chamber], 0.0)
+            place = min(pressure[chamber], end_pa) / tables.step_pa
+            index = min(int(place), last)
+            for column in range(4):
+                low, high = tables.rows[index, column], tables.rows[index + 1, column]
+                looked_up[chamber, column] = low + (place - index) * (high - low)
+        for chamber in range(4):
+            before = min(pressure[chamber], pressure[(chamber + 3) % 4])
+            across = min(pressure[chamber], pressure[(chamber + 2) % 4])
+            after = min(pressure[chamber], pressure[(chamber + 1) % 4])
+            alone, gain = looked_up[chamber, 0], looked_up[chamber, 1]
+            shared = before + after + across if gain > 0.0 else max(max(before, after), across)
+            push[chamber] = alone + gain * shared
+        # Along the diagonals at azimuth 45 and 135 deg.
+        first, second = push[2] - push[0], push[3] - push[1]
+        moment[row, 0] = _ROOT_HALF * (first - second)
+        moment[row, 1] = _ROOT_HALF * (first + second)
+        # What cancels is left to be isotropic; it is 0 in PSC and PDC.
+        cancelled = min(looked_up[0, 0], looked_up[2, 0]) ** 2 + min(looked_up[1, 0], looked_up[3, 0]) ** 2
+        size = first**2 + second**2 + cancelled
+        double_cosine = (first**2 - second**2) / size if size > 0.0 else 0.0
+        rise = (looked_up[0, 2] + looked_up[2, 2]) + (looked_up[1, 2] + looked_up[3, 2])
+        anisotropy = (looked_up[0, 3] + looked_up[2, 3]) - (looked_up[1, 3] + looked_up[3, 3])
+        stiffness[row] = tables.rest_stiffness_n_m2 + rise + anisotropy * double_cosine
+    return moment, stiffness
