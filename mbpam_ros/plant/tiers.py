@@ -163,7 +163,7 @@ _TIERS = {
     "arc": ("mbpam_ros.plant.moving", "ArcTier"),
     "rod": ("mbpam_ros.plant.moving", "RodTier"),
 }
-"""Modules are imported when asked for: a tier that is not used costs nothing, neither does its compiler."""
+"""Modules are imported when asked for: a tier that is not used is neither loaded nor compiled."""
 
 
 def tier_names() -> tuple[str, ...]:
