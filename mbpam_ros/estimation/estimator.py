@@ -51,17 +51,12 @@ class GripperEstimate:
     Args:
         bend_rad, bend_rate_rad_s: bend components and their rates, shape (4, 2).
         moment_n_m: intrinsic moment of the chambers in bend components, shape (4, 2).
-        tip_position_m, tip_orientation_xyzw: tip poses in ``gripper_base``, shapes (4, 3) and (4, 4).
-        tip_force_n: tip force available against a plate that blocks the tip, shape (4,).
         bend_sigma_rad: one standard deviation of the bend, shape (4,).
     """
 
     bend_rad: NDArray[np.float64]
     bend_rate_rad_s: NDArray[np.float64]
     moment_n_m: NDArray[np.float64]
-    tip_position_m: NDArray[np.float64]
-    tip_orientation_xyzw: NDArray[np.float64]
-    tip_force_n: NDArray[np.float64]
     bend_sigma_rad: NDArray[np.float64]
 
 
@@ -142,16 +137,24 @@ class BendEstimator:
         moment, stiffness = self._law.moment_and_stiffness(pressure + _PROBES_PA[:, None, :])
         probes = hanging_bend(moment, stiffness, self._geometry)
         bend, rate = self._advance(time_s, probes[0], valid)
-        position, orientation = tip_pose(bend, self._geometry)
         return GripperEstimate(
             bend_rad=bend,
             bend_rate_rad_s=rate,
             moment_n_m=moment[0],
-            tip_position_m=position + self._base,
-            tip_orientation_xyzw=orientation,
-            tip_force_n=self._tip_force.at(moment[0]),
             bend_sigma_rad=self._bend_sigma(bend, probes, variance),
         )
+
+    def tips(self, bend_rad: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the tips' positions (4, 3) [m] and orientations (4, 4), x y z w, in ``gripper_base`` for bends (4, 2).
+
+        NaN where the bend is NaN.
+        """
+        position, orientation = tip_pose(bend_rad, self._geometry)
+        return position + self._base, orientation
+
+    def tip_force_n(self, moment_n_m: ArrayLike) -> NDArray[np.float64]:
+        """Return the force against plates that block the tips, shape (4,), for intrinsic moments (4, 2)."""
+        return self._tip_force.at(moment_n_m)
 
     def centrelines(self, bend_rad: ArrayLike) -> NDArray[np.float64]:
         """Return the centre lines of the fingers in ``gripper_base`` for bends (4, 2) [rad].

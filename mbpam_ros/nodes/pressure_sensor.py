@@ -69,7 +69,7 @@ class PressureSensorNode(GripperNode):
             self.refuse("transducers", error)
             return
         self._states.publish(joint_state(message.header.stamp, CHANNEL_NAMES, effort=self._reading.pressure_gauge_pa))
-        self.publish_health_change()
+        self.publish_health_change(self._reading.status)
 
     def _on_silence(self) -> None:
         """Say that the channels are missing when no voltages come any more."""
@@ -78,7 +78,7 @@ class PressureSensorNode(GripperNode):
         self._reading = self._sensing.check(self._clock_of_samples.time(self.now_s()))
         stamp = time_stamp(self._reading.time_s)
         self._states.publish(joint_state(stamp, CHANNEL_NAMES, effort=self._reading.pressure_gauge_pa))
-        self.publish_health_change()
+        self.publish_health_change(self._reading.status)
 
     def _publish_fluid_pressures(self) -> None:
         """Publish absolute pressure: FluidPressure is absolute by its definition, all else here is gauge."""

@@ -6,7 +6,7 @@ import signal
 import sys
 import time
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 
 import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
@@ -72,6 +72,7 @@ class GripperNode(Node):
         self.refused_inputs = 0
         self.failure: str | None = None
         self._reported_level: bytes | None = None
+        self._judged: Hashable = None
         self._warned_at: dict[str, float] = {}
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_timer(1.0, self.publish_health)
@@ -111,7 +112,7 @@ class GripperNode(Node):
     def publish_health(self) -> None:
         """Publish the health report now."""
         health = Health(DiagnosticStatus.ERROR, self.failure) if self.failure else self.health()
-        self._reported_level = health.level
+        self._reported_level, self._judged = health.level, None
         values = {**health.values, "refused_inputs": str(self.refused_inputs)}
         status = DiagnosticStatus(
             level=health.level,
@@ -129,8 +130,15 @@ class GripperNode(Node):
         if self.now_s() == 0.0:
             self.get_logger().warning("use_sim_time is set and nothing comes on /clock: time stands still")
 
-    def publish_health_change(self) -> None:
-        """Publish the health report at once if its level changed since the last one."""
+    def publish_health_change(self, cause: Hashable = None) -> None:
+        """Publish the health report at once if its level changed since the last one.
+
+        Args:
+            cause: what the level depends on where a sample changes it; while it stays the same nothing is worked out.
+        """
+        if cause is not None and cause == self._judged:
+            return
+        self._judged = cause
         if self.health().level != self._reported_level:
             self.publish_health()
 

@@ -87,10 +87,10 @@ class StateEstimatorNode(GripperNode):
             self.refuse("chamber_states", error)
             return
         self._publish(message.header.stamp)
-        self.publish_health_change()
+        self.publish_health_change(np.isnan(self._estimate.bend_rad).tobytes())
 
     def _publish(self, stamp: Time) -> None:
-        """Publish the estimate where anybody listens: each message costs as much as the estimate itself."""
+        """Publish the estimate where anybody listens: the messages cost as much as the estimate itself."""
         estimate = self._estimate
         if self._joints.get_subscription_count() > 0:
             bend, rate, moment = (
@@ -99,13 +99,17 @@ class StateEstimatorNode(GripperNode):
             self._joints.publish(joint_state(stamp, BEND_NAMES, position=bend, velocity=rate, effort=moment))
         if self._forces.get_subscription_count() > 0:
             self._forces.publish(
-                joint_state(stamp, FINGER_NAMES, position=estimate.bend_sigma_rad, effort=estimate.tip_force_n)
+                joint_state(
+                    stamp,
+                    FINGER_NAMES,
+                    position=estimate.bend_sigma_rad,
+                    effort=self._estimator.tip_force_n(estimate.moment_n_m),
+                )
             )
         if self._tips.get_subscription_count() > 0:
             tips = PoseArray()
             tips.header.stamp, tips.header.frame_id = stamp, BASE_FRAME
-            poses = zip(estimate.tip_position_m.tolist(), estimate.tip_orientation_xyzw.tolist(), strict=True)
-            tips.poses = [pose(position, orientation) for position, orientation in poses]
+            tips.poses = [pose(*tip) for tip in zip(*self._estimator.tips(estimate.bend_rad), strict=True)]
             self._tips.publish(tips)
 
     def _publish_markers(self) -> None:

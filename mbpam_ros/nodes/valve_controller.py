@@ -94,7 +94,7 @@ class ValveControllerNode(GripperNode):
             self.refuse("chamber_states", error)
             return
         self._commands.publish(joint_state(message.header.stamp, CHANNEL_NAMES, position=spool))
-        self.publish_health_change()
+        self.publish_health_change((self._controller.faults, self._air, self._switched_on))
 
     def _on_silence(self) -> None:
         """Close the valves when the pressures stay out."""
@@ -104,7 +104,7 @@ class ValveControllerNode(GripperNode):
         time_s = self._clock_of_pressures.time(now_s)
         spool = self._controller.check(time_s)
         self._commands.publish(joint_state(time_stamp(time_s), CHANNEL_NAMES, position=spool))
-        self.publish_health_change()
+        self.publish_health_change((self._controller.faults, self._air, self._switched_on))
 
     def _on_grasp_state(self, state: DiagnosticStatus) -> None:
         """Follow the arbiter's word on the air at once, without waiting for set-points or measurements."""

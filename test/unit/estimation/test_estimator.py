@@ -53,7 +53,7 @@ def test_every_finger_bends_in_the_direction_of_its_chambers(estimator, azimuth_
     size = np.hypot(*estimate.bend_rad.T)
     np.testing.assert_allclose(estimate.bend_rad, size[:, None] * direction, atol=1e-12)
     assert (size > math.radians(90.0)).all()
-    moved = (estimate.tip_position_m - GRIPPER.finger_base_m)[:, :2]
+    moved = (estimator.tips(estimate.bend_rad)[0] - GRIPPER.finger_base_m)[:, :2]
     assert (moved @ direction > 0.0).all()
 
 
@@ -82,8 +82,9 @@ def test_a_steady_ramp_is_followed_one_time_constant_late():
 def test_the_tip_is_that_of_the_bend_standing_at_its_base(estimator):
     estimate = estimator.update(0.0, np.linspace(0.0, 9e4, CHANNEL_COUNT), QUIET)
     position, orientation = tip_pose(estimate.bend_rad, GRIPPER.geometry)
-    np.testing.assert_allclose(estimate.tip_position_m, position + GRIPPER.finger_base_m, atol=1e-15)
-    np.testing.assert_array_equal(estimate.tip_orientation_xyzw, orientation)
+    tip_position, tip_orientation = estimator.tips(estimate.bend_rad)
+    np.testing.assert_allclose(tip_position, position + GRIPPER.finger_base_m, atol=1e-15)
+    np.testing.assert_array_equal(tip_orientation, orientation)
 
 
 def test_centrelines_run_from_the_clamps_to_the_tips(estimator):
@@ -91,14 +92,14 @@ def test_centrelines_run_from_the_clamps_to_the_tips(estimator):
     lines = estimator.centrelines(estimate.bend_rad)
     assert lines.shape == (4, CONFIG.centreline_points, 3)
     np.testing.assert_allclose(lines[:, 0], GRIPPER.finger_base_m, atol=1e-15)
-    np.testing.assert_allclose(lines[:, -1], estimate.tip_position_m, atol=1e-15)
+    np.testing.assert_allclose(lines[:, -1], estimator.tips(estimate.bend_rad)[0], atol=1e-15)
 
 
 @pytest.mark.parametrize(("pattern", "chambers"), [("pdc", [1, 1, 0, 0]), ("psc", [1, 0, 0, 0])])
 def test_the_available_force_at_100_kpa_is_the_calibrations_target(estimator, pattern, chambers):
     estimate = estimator.update(0.0, all_fingers(chambers), QUIET)
     target = calibration_targets(GRIPPER.design, GRIPPER.metamodel, GRIPPER.target)[pattern]
-    np.testing.assert_allclose(estimate.tip_force_n, target.f_max_n, rtol=1e-9)
+    np.testing.assert_allclose(estimator.tip_force_n(estimate.moment_n_m), target.f_max_n, rtol=1e-9)
 
 
 def test_without_pressure_noise_sigma_is_the_metamodels_relative_error(estimator):
