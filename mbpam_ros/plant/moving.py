@@ -11,6 +11,7 @@ import numpy as np
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.plant import multibody
+from mbpam_ros.plant.composition import advance_undamped
 from mbpam_ros.plant.contact import contact_table
 from mbpam_ros.plant.contact_search import BALLS, Surroundings, contact_limit
 from mbpam_ros.plant.multibody import Drive, Forces, State, System
@@ -78,6 +79,7 @@ class RodTier(Tier):
             surroundings=Surroundings(shape, half, planes, table_in_reach),
             laws=np.array([kind.law() for kind in kinds]),
         )
+        self._advance = multibody.advance if config.retardation_time_s > 0.0 else advance_undamped
         self._coordinates = FINGER_COUNT * 2 * modes
         self._contacts = contact_table(contact_limit(FINGER_COUNT, len(planes)), 2 * modes)
         self._motion = motion_at_rest(FINGER_COUNT, modes, segments)
@@ -114,9 +116,7 @@ class RodTier(Tier):
             hand_height_m,
             hand_velocity_m_s,
         )
-        answer, self.iterations = multibody.advance(
-            state, drive, self._system, self._contacts, self._motion, self._forces
-        )
+        answer, self.iterations = self._advance(state, drive, self._system, self._contacts, self._motion, self._forces)
         if answer != multibody.OK:
             self._show()
             raise PlantDivergedError(

@@ -11,8 +11,9 @@ evaluation point theta:
 theta = 1/2 for a body that touches nothing (implicit midpoint, second order: M, load and velocity terms are taken at
 the midpoint, which the first sweep finds and the second uses) and 1 for one in contact (first order, and damped where
 the penalty is stiff). Sweeps repeated until nothing changes give the implicit midpoint rule itself, which is symmetric
-in time: without damping energy swings by O(h^2) and does not drift. With damping the second sweep is the last: what a
-third one would change is less than the error of the step.
+in time: without damping energy swings by O(h^2) and does not drift (of fourth order it is made by
+:mod:`~mbpam_ros.plant.composition`). With damping the second sweep is the last: what a third one would change is less
+than the error of the step.
 
 Stability: elastic, damping and contact terms are implicit, so neither k, eta nor the contact stiffness limits the
 step; gravity and velocity terms are explicit and ask for h sqrt(g / l) < 1 and h |dq/dt| < 1, which 10 ms meet.
