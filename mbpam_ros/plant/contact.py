@@ -1,8 +1,9 @@
 r"""Contact: the table of contacts, and the force law of each.
 
-A contact has a point, a normal N (into the body that is pushed: the object, or a finger on the table) and a Jacobian J
-that maps the system's velocities to the relative velocity (3) and relative turning rate (3) there. With depth d > 0 at
-the start of a step of length h, the velocity v after it, and |x|_e = sqrt(x^2 + e^2):
+A contact has a point, a normal N (into the body that is pushed: the object, a finger on the table, or of two fingers
+the one of higher number) and a Jacobian J that maps the system's velocities to the relative velocity (3) and relative
+turning rate (3) there. With depth d > 0 at the start of a step of length h, the velocity v after it, and |x|_e =
+sqrt(x^2 + e^2):
 
     normal     f = w max(0, k d - (k h + c) v.N)                penalty at the end of the step; never pulls
     tangential F_t = -mu w k d v_t / |v_t|_slip                 Coulomb; sticking below the slip speed
@@ -32,13 +33,14 @@ class Contacts(NamedTuple):
     Args:
         count: how many rows are in use, shape (1,).
         depth, share: d and w, shape (n,).
-        normal, jacobian: N and J, shapes (n, 3) and (n, 6, D + 6); columns: the
-            finger's D coordinates, the object's six.
+        normal, jacobian: N and J, shapes (n, 3) and (n, 6, D + 6 or 2 D, whichever is more); columns: the finger's D
+            coordinates, then the object's six, or the D of the other finger.
         rise: part of the relative velocity along z that is the hand's, shape (n,).
-        finger: which takes part; -1 for none.
+        finger, other: which take part; -1 for none.
         kind: row of the table of laws.
         velocity, force: relative velocity after the step, and the force and torque it makes, shape (n, 6).
         push: f, shape (n,).
+        coordinates: D.
     """
 
     count: NDArray[np.int64]
@@ -48,10 +50,12 @@ class Contacts(NamedTuple):
     jacobian: Array
     rise: Array
     finger: NDArray[np.int64]
+    other: NDArray[np.int64]
     kind: NDArray[np.int64]
     velocity: Array
     force: Array
     push: Array
+    coordinates: int
 
 
 def contact_table(size: int, coordinates: int) -> Contacts:
@@ -61,13 +65,15 @@ def contact_table(size: int, coordinates: int) -> Contacts:
         depth=np.zeros(size),
         share=np.zeros(size),
         normal=np.zeros((size, 3)),
-        jacobian=np.zeros((size, 6, coordinates + 6)),
+        jacobian=np.zeros((size, 6, coordinates + max(coordinates, 6))),
         rise=np.zeros(size),
         finger=np.zeros(size, np.int64),
+        other=np.full(size, -1, np.int64),
         kind=np.zeros(size, np.int64),
         velocity=np.zeros((size, 6)),
         force=np.zeros((size, 6)),
         push=np.zeros(size),
+        coordinates=coordinates,
     )
 
 

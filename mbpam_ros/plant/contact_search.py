@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mbpam_ros.plant.contact import Contacts
+from mbpam_ros.plant.finger_contact import Lines, append_finger_contacts
 from mbpam_ros.plant.rod import Motion, Rod, ball_jacobian, ball_position
 from mbpam_ros.plant.shapes import PLANE, REST_POINTS, rest_points, signed_distance
 
@@ -38,12 +39,14 @@ class Surroundings(NamedTuple):
         half: half its sizes, shape (3,).
         planes: rows (depth, half size x, half size y) of level supports, the table last.
         table_in_reach: whether a muscle may touch the last plane.
+        fingers_touch: whether muscles touch each other, or pass through each other.
     """
 
     shape: int
     half: Array
     planes: Array
     table_in_reach: bool
+    fingers_touch: bool = False
 
 
 class Places(NamedTuple):
@@ -64,18 +67,18 @@ def places(around: Surroundings) -> Places:
     return Places(np.empty(3), plane, np.eye(3), np.empty((REST_POINTS, 3)))
 
 
-def contact_limit(fingers: int, planes: int) -> int:
+def contact_limit(fingers: int, planes: int, fingers_touch: bool = False) -> int:
     """Return the most contacts that can be."""
-    return 2 * BALLS * fingers + REST_POINTS * (planes + 1)
+    between = BALLS * fingers * (fingers - 1) if fingers_touch else 0
+    return 2 * BALLS * fingers + between + REST_POINTS * (planes + 1)
 
 
 @njit
-def _object_columns(x: float, y: float, z: float, jacobian: Array) -> None:
-    """Write the velocity at (x, y, z) from a body's centre into the last six columns of ``jacobian`` (6, D + 6)."""
-    d = jacobian.shape[1] - 6
-    for i in range(3):
-        jacobian[i, d + i] = 1.0
-        jacobian[3 + i, d + 3 + i] = 1.0
+def _object_columns(x: float, y: float, z: float, d: int, jacobian: Array) -> None:
+    """Write the velocity at (x, y, z) from a body's centre into columns D to D + 5 of ``jacobian``."""
+    for i in range(6):
+        for j in range(6):
+            jacobian[i, d + j] = 1.0 if i == j else 0.0
     jacobian[0, d + 4], jacobian[0, d + 5] = z, -y
     jacobian[1, d + 3], jacobian[1, d + 5] = -z, x
     jacobian[2, d + 3], jacobian[2, d + 4] = y, -x
@@ -123,7 +126,7 @@ def _muscle_contacts(
         normal[0], normal[1], normal[2] = sign * nx, sign * ny, sign * nz
         ball_jacobian(rod, motion, finger, k, sign, (arm * nx, arm * ny, arm * nz), jacobian)
         if shape != PLANE:
-            _object_columns(x + arm * nx, y + arm * ny, z + arm * nz, jacobian)
+            _object_columns(x + arm * nx, y + arm * ny, z + arm * nz, contacts.coordinates, jacobian)
 
 
 @njit
@@ -152,13 +155,13 @@ def _rest_contacts(
             contacts.normal[n, 2] = 1.0 if palm else -1.0
             contacts.rise[n] = hand_velocity if palm else 0.0
             contacts.finger[n], contacts.kind[n] = -1, OBJECT_PALM if palm else OBJECT_SUPPORT
-            _object_columns(x, y, z, contacts.jacobian[n])
+            _object_columns(x, y, z, contacts.coordinates, contacts.jacobian[n])
 
 
 @njit
 def find_contacts(
     bases: Array, rod: Rod, motion: Motion, around: Surroundings, centre: Array, rotation: Array,
-    lift: float, hand_velocity: float, room: Places, contacts: Contacts,
+    lift: float, hand_velocity: float, room: Places, room_of_lines: Lines, contacts: Contacts,
 ) -> None:  # fmt: skip
     """Fill the table from the configuration at the start of a sub-step."""
     base = room.base
@@ -179,3 +182,5 @@ def find_contacts(
                 contacts.rise[c] = hand_velocity if on_object else -hand_velocity
     if around.shape >= 0:
         _rest_contacts(around, centre, rotation, lift, hand_velocity, room.points, contacts)
+    if around.fingers_touch:
+        append_finger_contacts(bases, rod, motion, room_of_lines, contacts)

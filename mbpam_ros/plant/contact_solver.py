@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mbpam_ros.plant.contact import Contacts, contact_force, contact_slope
 from mbpam_ros.plant.contact_search import FINGER_SUPPORT
+from mbpam_ros.plant.finger_contact import FINGER_FINGER
 
 Array = NDArray[np.float64]
 
@@ -62,7 +63,7 @@ class Scratch(NamedTuple):
 
 @njit
 def scratch(size: int, coordinates: int, fingers: int) -> Scratch:
-    """Return room for ``size`` equations, those of the fingers first; fingers meet only the object."""
+    """Return room for ``size`` equations, those of the fingers first; the envelope is that of fingers apart."""
     first = np.zeros(size, np.int64)
     for i in range(fingers * coordinates):
         first[i] = i // coordinates * coordinates
@@ -72,10 +73,13 @@ def scratch(size: int, coordinates: int, fingers: int) -> Scratch:
 @njit
 def _columns(contacts: Contacts, c: int, size: int) -> tuple[int, int, int, int]:
     """Return the columns of the Jacobian from and to which a contact acts, and where its two parts go in the system."""
-    coordinates = contacts.jacobian.shape[2] - 6
+    coordinates = contacts.coordinates
+    finger = coordinates * contacts.finger[c]
+    if contacts.kind[c] == FINGER_FINGER:
+        return 0, 2 * coordinates, finger, coordinates * (contacts.other[c] - 1)
     start = 0 if contacts.finger[c] >= 0 else coordinates
     stop = coordinates if contacts.kind[c] == FINGER_SUPPORT else coordinates + 6
-    return start, stop, coordinates * contacts.finger[c], size - 6 - coordinates
+    return start, stop, finger, size - 6 - coordinates
 
 
 @njit
@@ -83,7 +87,7 @@ def _residual(
     a: Array, b: Array, v: Array, h: float, laws: Array, contacts: Contacts, first: NDArray[np.int64], residual: Array
 ) -> None:
     """Write a v - b - h sum J^T F(J v), and velocities and forces of the contacts."""
-    size, coordinates = v.shape[0], contacts.jacobian.shape[2] - 6
+    size, coordinates = v.shape[0], contacts.coordinates
     for i in range(size):
         residual[i] = a[i, i] * v[i] - b[i]
         for j in range(first[i], i):
@@ -111,7 +115,7 @@ def _hessian(
     a: Array, h: float, laws: Array, contacts: Contacts, slope: Array, first: NDArray[np.int64], hessian: Array
 ) -> None:
     """Write the derivative of the residual; only its lower half."""
-    size, coordinates = a.shape[0], contacts.jacobian.shape[2] - 6
+    size, coordinates = a.shape[0], contacts.coordinates
     for i in range(size):
         for j in range(first[i], i + 1):
             hessian[i, j] = a[i, j]

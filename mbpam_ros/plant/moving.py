@@ -2,7 +2,7 @@
 
 Gravity, bending, Kelvin-Voigt damping and the exact velocity terms of the muscles' distributed mass. The two differ in
 how many modes of curvature a muscle has: ``arc`` has one, so its curvature is constant, ``rod`` has more, so it sags
-under its weight and wraps around what it touches. Fingers do not touch each other.
+under its weight and wraps around what it touches. Fingers touch each other if the setup says so.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import numpy as np
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.plant import multibody
+from mbpam_ros.plant.composition import advance_undamped
 from mbpam_ros.plant.contact import contact_table
 from mbpam_ros.plant.contact_search import BALLS, Surroundings, contact_limit
 from mbpam_ros.plant.multibody import Drive, Forces, State, System
@@ -61,7 +62,13 @@ class RodTier(Tier):
         table_in_reach = bool(len(planes) and planes[-1, 0] < setup.geometry.length_m)
         modes = self._modes(may_touch=body is not None or table_in_reach)
         segments = max(_FEWEST_SEGMENTS, modes + 2)
-        kinds = (config.finger_object, config.object_support, config.finger_support, config.object_support)
+        kinds = (
+            config.finger_object,
+            config.object_support,
+            config.finger_support,
+            config.object_support,
+            config.finger_finger,
+        )
         shape, half, mass, inertia = -1, np.zeros(3), 0.0, np.zeros(3)
         if body is not None:
             shape, half, mass = SHAPE_CODES[body.shape], 0.5 * np.array(body.size_m), body.mass_kg
@@ -75,11 +82,13 @@ class RodTier(Tier):
             retardation=config.retardation_time_s,
             mass=mass,
             inertia=inertia,
-            surroundings=Surroundings(shape, half, planes, table_in_reach),
+            surroundings=Surroundings(shape, half, planes, table_in_reach, setup.fingers_touch),
             laws=np.array([kind.law() for kind in kinds]),
         )
+        self._advance = multibody.advance if config.retardation_time_s > 0.0 else advance_undamped
         self._coordinates = FINGER_COUNT * 2 * modes
-        self._contacts = contact_table(contact_limit(FINGER_COUNT, len(planes)), 2 * modes)
+        most = contact_limit(FINGER_COUNT, len(planes), setup.fingers_touch)
+        self._contacts = contact_table(most, 2 * modes)
         self._motion = motion_at_rest(FINGER_COUNT, modes, segments)
         along = np.linspace(0.0, setup.geometry.length_m, CENTRELINE_POINTS)
         self._line_weights = position_weights(setup.geometry, segments, along)
@@ -100,7 +109,7 @@ class RodTier(Tier):
             velocity = np.concatenate([velocity, body.velocity_m_s, body.angular_velocity_rad_s])
             position, orientation = np.array(body.position_m, float), np.array(body.orientation_xyzw, float)
         self._state = State(rest, velocity, position, orientation)
-        self._forces = Forces(np.zeros((FINGER_COUNT, 3)), np.zeros(3), np.zeros(3))
+        self._forces = Forces(np.zeros((FINGER_COUNT, 3)), np.zeros(3), np.zeros(3), np.zeros((FINGER_COUNT, 3)))
         self.iterations = 0
         self._show()
 
@@ -114,9 +123,7 @@ class RodTier(Tier):
             hand_height_m,
             hand_velocity_m_s,
         )
-        answer, self.iterations = multibody.advance(
-            state, drive, self._system, self._contacts, self._motion, self._forces
-        )
+        answer, self.iterations = self._advance(state, drive, self._system, self._contacts, self._motion, self._forces)
         if answer != multibody.OK:
             self._show()
             raise PlantDivergedError(
@@ -142,6 +149,7 @@ class RodTier(Tier):
             finger_force_n=self._forces.finger.copy(),
             support_force_n=self._forces.support.copy(),
             palm_force_n=self._forces.palm.copy(),
+            between_fingers_force_n=self._forces.between.copy(),
         )
 
     def _show(self) -> None:

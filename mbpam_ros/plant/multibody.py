@@ -11,8 +11,9 @@ evaluation point theta:
 theta = 1/2 for a body that touches nothing (implicit midpoint, second order: M, load and velocity terms are taken at
 the midpoint, which the first sweep finds and the second uses) and 1 for one in contact (first order, and damped where
 the penalty is stiff). Sweeps repeated until nothing changes give the implicit midpoint rule itself, which is symmetric
-in time: without damping energy swings by O(h^2) and does not drift. With damping the second sweep is the last: what a
-third one would change is less than the error of the step.
+in time: without damping energy swings by O(h^2) and does not drift (of fourth order it is made by
+:mod:`~mbpam_ros.plant.composition`). With damping the second sweep is the last: what a third one would change is less
+than the error of the step.
 
 Stability: elastic, damping and contact terms are implicit, so neither k, eta nor the contact stiffness limits the
 step; gravity and velocity terms are explicit and ask for h sqrt(g / l) < 1 and h |dq/dt| < 1, which 10 ms meet.
@@ -44,6 +45,7 @@ from mbpam_ros.plant.contact_search import (
     places,
 )
 from mbpam_ros.plant.contact_solver import scratch, solve_contacts, solve_in_place
+from mbpam_ros.plant.finger_contact import FINGER_FINGER, Lines, fingers_near, lines
 from mbpam_ros.plant.rod import Motion, Rod, masses_and_loads, move_rods
 
 Array = NDArray[np.float64]
@@ -117,11 +119,17 @@ class System(NamedTuple):
 
 
 class Forces(NamedTuple):
-    """Forces on the object after a step: of the fingers (4, 3), of its support (3,) and of the palm (3,)."""
+    """Forces after a step.
+
+    Args:
+        finger, support, palm: on the object, of the fingers (4, 3), of its support (3,) and of the palm (3,).
+        between: on each finger, of the other fingers, shape (4, 3).
+    """
 
     finger: Array
     support: Array
     palm: Array
+    between: Array
 
 
 @njit
@@ -267,6 +275,7 @@ def _sum_forces(contacts: Contacts, forces: Forces) -> None:
     forces.finger[:] = 0.0
     forces.support[:] = 0.0
     forces.palm[:] = 0.0
+    forces.between[:] = 0.0
     for c in range(contacts.count[0]):
         for i in range(3):
             if contacts.kind[c] == FINGER_OBJECT:
@@ -275,35 +284,41 @@ def _sum_forces(contacts: Contacts, forces: Forces) -> None:
                 forces.support[i] += contacts.force[c, i]
             elif contacts.kind[c] == OBJECT_PALM:
                 forces.palm[i] += contacts.force[c, i]
+            elif contacts.kind[c] == FINGER_FINGER:
+                forces.between[contacts.finger[c], i] -= contacts.force[c, i]
+                forces.between[contacts.other[c], i] += contacts.force[c, i]
 
 
 @njit
 def _may_touch(around: Surroundings) -> bool:
-    """Whether there is anything that a muscle may reach, or an object that may touch something else."""
+    """Whether there is anything but muscles that a muscle may reach, or an object that may touch something else."""
     return around.shape >= 0 or around.table_in_reach
 
 
 @njit
 def _touch(
-    state: State, system: System, drive: Drive, step: int, motion: Motion, spots: Places, rotation: Array, theta: Array,
-    first: NDArray[np.int64], contacts: Contacts,
+    state: State, system: System, drive: Drive, step: int, motion: Motion, spots: Places, room_of_lines: Lines,
+    rotation: Array, theta: Array, first: NDArray[np.int64], contacts: Contacts,
 ) -> bool:  # fmt: skip
     """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
-    around, muscles = system.surroundings, state.shape.shape[0]
-    if _may_touch(around):
-        rotation_matrix(state.orientation, rotation)
-        find_contacts(
-            system.bases, system.rod, motion, around, state.position, rotation, drive.heights[step],
-            drive.rates[step + 1], spots, contacts,
-        )  # fmt: skip
+    around, muscles, coordinates = system.surroundings, state.shape.shape[0], contacts.coordinates
+    rotation_matrix(state.orientation, rotation)
+    find_contacts(
+        system.bases, system.rod, motion, around, state.position, rotation, drive.heights[step],
+        drive.rates[step + 1], spots, room_of_lines, contacts,
+    )  # fmt: skip
     touching = contacts.count[0] > 0
-    theta[:] = 0.5
+    for i in range(state.velocity.shape[0]):
+        first[i] = i // coordinates * coordinates if i < muscles else (0 if touching else muscles)
     for c in range(contacts.count[0]):
         theta[contacts.finger[c]] = 1.0  # -1, none: the object's, which is the last
-        if contacts.kind[c] != FINGER_SUPPORT:
+        if contacts.kind[c] == FINGER_FINGER:
+            other = contacts.other[c]
+            theta[other] = 1.0
+            for i in range(coordinates * other, coordinates * (other + 1)):
+                first[i] = min(first[i], coordinates * contacts.finger[c])
+        elif contacts.kind[c] != FINGER_SUPPORT:
             theta[-1] = 1.0
-    for i in range(muscles, state.velocity.shape[0]):
-        first[i] = 0 if touching else muscles
     return touching
 
 
@@ -318,32 +333,43 @@ def _advance(
     a, b, start = np.zeros((size, size)), np.zeros(size), np.zeros(size)
     theta, rotation, middle, turn = np.empty(fingers + 1), np.eye(3), np.zeros(4), np.zeros(3)
     coordinates = muscles // fingers
-    room, spots, equations = (
+    room, spots, room_of_lines, equations = (
         _room(system.rod, fingers),
         places(system.surroundings),
+        lines(system.rod, fingers),
         scratch(size, coordinates, fingers),
     )
-    in_reach = _may_touch(system.surroundings)
-    iterations = 0
+    in_reach, fingers_touch = _may_touch(system.surroundings), system.surroundings.fingers_touch
+    iterations, touching = 0, False
     contacts.count[0] = 0
     for step in range(steps + 1):
         for i in range(size):
             start[i] = v[i]
-        touching = False
+        touched, touching = touching, False
+        theta[:] = 0.5
+        # Whether fingers may meet is asked of where the last sweep saw them, which costs no motion of its own.
+        near = in_reach or (
+            fingers_touch and step < steps and fingers_near(system.bases, system.rod, motion, room_of_lines)
+        )
         # The first sweep is at the start, or, where nothing is in reach, with what the step before saw at its midpoint.
         # Later ones are at the midpoint that the one before found.
         for sweep in range(system.sweeps):
             share = 0.5 if sweep > 0 else 0.0
-            anew = in_reach or sweep > 0 or step == 0 or step == steps
-            if anew:
+            anew = in_reach or sweep > 0 or step == 0 or step == steps or touched
+            if anew or near:
                 _move_muscles(state, start, system, share, motion, room)
             if step == steps:  # nothing left but to know the motion at the end
                 break
             if sweep == 0:
-                touching = _touch(state, system, drive, step, motion, spots, rotation, theta, equations.first, contacts)
+                contacts.count[0] = 0
+                if near:
+                    touching = _touch(
+                        state, system, drive, step, motion, spots, room_of_lines, rotation, theta, equations.first,
+                        contacts,
+                    )  # fmt: skip
             blend = (step + 0.5) / steps
             gravity = system.gravity + (drive.rates[step + 1] - drive.rates[step]) / h
-            if anew:
+            if anew or touching:
                 masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
             _muscle_equations(state, start, system, drive, blend, theta, room, a, b)
             if size > muscles:

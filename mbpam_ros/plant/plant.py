@@ -252,6 +252,7 @@ def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetu
         planes_m=planes,
         config=config,
         modes=scene.config.modes,
+        fingers_touch=scene.config.fingers_touch,
     )
 
 

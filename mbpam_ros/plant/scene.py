@@ -97,6 +97,7 @@ class SceneConfig:
         friction_coefficient: of fingers on the object; none for that of ``plant.yaml``.
         contact_stiffness_n_m: of fingers on the object; none for that of ``plant.yaml``.
         modes: modes of curvature a plane, for the tier ``rod``; none for 2 in the air, 3 where there may be contact.
+        fingers_touch: whether fingers touch each other (tiers arc and rod); otherwise they pass through each other.
     """
 
     object: str | None
@@ -111,6 +112,7 @@ class SceneConfig:
     friction_coefficient: float | None = None
     contact_stiffness_n_m: float | None = None
     modes: int | None = None
+    fingers_touch: bool = True
 
     def __post_init__(self) -> None:
         require_positive(self, "sub_step_s")

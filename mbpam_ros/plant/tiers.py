@@ -39,7 +39,7 @@ class PlantConfig:
     Args:
         retardation_time_s: Kelvin-Voigt damping of the muscle over its stiffness.
         static_lag_s: time constant of the tier ``static``.
-        finger_object, object_support, finger_support: the kinds of contact; the palm is a support.
+        finger_object, object_support, finger_support, finger_finger: the kinds of contact; the palm is a support.
     """
 
     retardation_time_s: float
@@ -47,6 +47,7 @@ class PlantConfig:
     finger_object: ContactConfig
     object_support: ContactConfig
     finger_support: ContactConfig
+    finger_finger: ContactConfig
 
     def __post_init__(self) -> None:
         require_positive(self, "static_lag_s")
@@ -80,6 +81,7 @@ class TierSetup:
         planes_m: rows (depth, half size x, half size y) of level supports; an endless one has infinite half sizes.
         config: constants of muscles and contacts.
         modes: modes of curvature a plane, for the tier ``rod``; none for its own choice.
+        fingers_touch: whether muscles touch each other; otherwise they pass through each other.
     """
 
     geometry: MuscleGeometry
@@ -90,6 +92,7 @@ class TierSetup:
     planes_m: Array
     config: PlantConfig
     modes: int | None = None
+    fingers_touch: bool = False
 
 
 @dataclass(frozen=True)
@@ -123,6 +126,7 @@ class TierState:
         body: the object, or none.
         finger_force_n: force of each finger on the object, world frame, shape (4, 3).
         support_force_n, palm_force_n: force of the support and of the palm on the object, world frame, shape (3,).
+        between_fingers_force_n: force on each finger of the other fingers, world frame, shape (4, 3).
     """
 
     bend_rad: Array
@@ -132,6 +136,7 @@ class TierState:
     finger_force_n: Array
     support_force_n: Array
     palm_force_n: Array
+    between_fingers_force_n: Array
 
 
 class Tier(ABC):

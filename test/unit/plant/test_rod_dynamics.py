@@ -148,21 +148,58 @@ def energy(rod, moment):
     return kinetic, kinetic + elastic + 9.81 * (1.0 - motion.tangent[:, 1:, 2]) @ parts.levers
 
 
-def test_undamped_muscles_swinging_in_space_keep_their_energy_for_ten_seconds():
-    """Started in one plane, pulled into another: a motion out of any plane, in bends up to 150 deg."""
-    step_s, push = 5e-4, np.array([[0.02, 0.0], [0.0, 0.015], [0.01, -0.01], [-0.015, 0.005]])
-    pull = np.array([[0.004, 0.012], [-0.008, 0.0], [0.01, 0.004], [0.0, -0.012]])
-    rod = tier(2, step_s, config=UNDAMPED)
-    advance(rod, actuation(push), actuation(push), 0.15, step_s)
-    start, highest, totals = energy(rod, pull)[1], np.zeros(4), []
-    for _ in range(200):
-        advance(rod, actuation(pull), actuation(pull), 0.05, step_s)
-        kinetic, total = energy(rod, pull)
+PUSH = np.array([[0.02, 0.0], [0.0, 0.015], [0.01, -0.01], [-0.015, 0.005]])
+PULL = np.array([[0.004, 0.012], [-0.008, 0.0], [0.01, 0.004], [0.0, -0.012]])
+
+
+def energies_of_a_swing(modes, step_s, duration_s):
+    """Change of the total energies over the time [s], shape (n, 4), and the highest kinetic energies, shape (4,).
+
+    Started in one plane, pulled into another: a motion out of any plane, in bends up to 150 deg.
+    """
+    rod = tier(modes, step_s, config=UNDAMPED)
+    advance(rod, actuation(PUSH), actuation(PUSH), 0.15, step_s)
+    start, highest, totals = energy(rod, PULL)[1], np.zeros(4), []
+    for _ in range(round(duration_s / 0.05)):
+        advance(rod, actuation(PULL), actuation(PULL), 0.05, step_s)
+        kinetic, total = energy(rod, PULL)
         highest = np.maximum(highest, kinetic)
         totals.append(total - start)
+    return np.array(totals), highest
+
+
+@pytest.mark.parametrize(("modes", "step_s"), [(1, 5e-3), (2, 2e-3), (3, 1e-3)])
+def test_undamped_muscles_swinging_in_space_keep_their_energy_for_ten_seconds(modes, step_s):
+    totals, highest = energies_of_a_swing(modes, step_s, 10.0)
     drift = np.mean(totals[-40:], axis=0) - np.mean(totals[:40], axis=0)
-    assert (np.abs(drift) < 1e-4 * highest).all()
-    assert (np.abs(totals).max(axis=0) < 1e-3 * highest).all()  # it swings with the square of the step
+    assert (np.abs(drift) < 2e-5 * highest).all()
+    assert (np.abs(totals).max(axis=0) < 1e-4 * highest).all()
+
+
+def test_the_energy_of_undamped_muscles_swings_with_the_fourth_power_of_the_step():
+    swings = []
+    for step_s in (1e-3, 5e-4):
+        totals, highest = energies_of_a_swing(4, step_s, 0.5)
+        swings.append((np.abs(totals).max(axis=0) / highest).max())
+    assert 10.0 < swings[0] / swings[1] < 60.0
+    assert swings[1] < 1e-5
+
+
+def test_without_damping_a_hand_that_accelerates_is_stronger_gravity_in_every_part_of_a_step():
+    step_s, push = 2e-3, actuation(MOMENTS)
+    risen, heavy = tier(2, step_s, config=UNDAMPED), tier(2, step_s, config=UNDAMPED, gravity=9.81 + 3.0)
+    times = np.arange(101) * step_s
+    risen.step(push, push, 1.5 * times**2, 3.0 * times)
+    heavy.step(push, push, 0.0 * times, 0.0 * times)
+    np.testing.assert_allclose(risen.state().bend_rad, heavy.state().bend_rad, atol=1e-8)
+
+
+def test_without_damping_a_grasp_is_one_plain_step_at_a_time_where_anything_touches():
+    """Pressed on one another nothing goes back in time: the bulb rests on its stand with its weight."""
+    rod = tier(2, 1e-3, body=BULB, planes=TABLE, config=UNDAMPED)
+    state = advance(rod, actuation([0.0, 0.0]), actuation([0.0, 0.0]), 0.5, 1e-3)
+    assert state.support_force_n[2] == pytest.approx(-0.046 * 9.81, rel=1e-3)
+    assert np.linalg.norm(state.body.velocity_m_s) < 1e-5
 
 
 def test_a_quarter_turn_of_everything_turns_the_result():
