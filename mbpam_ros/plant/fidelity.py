@@ -6,10 +6,13 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from mbpam_ros.configuration import ConfigError, config_path, parse_config
+from mbpam_ros.configuration import ConfigError, config_path, parse_config, require_positive
 
 TABLE = "data/fidelity_trade.json"
 """The table that the planner reads and the command ``fidelity_trade`` writes."""
+
+AUTO = "auto"
+"""The tier of a scene file that leaves the choice to the planner."""
 
 
 @dataclass(frozen=True, order=True)
@@ -27,6 +30,23 @@ class Fidelity:
     modes: int
     step_s: float
     pneumatics: str
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """What errors are allowed, in the norms of :class:`Measured`.
+
+    Args:
+        static_pct, transient_pct: of the position of tips and object at rest, and in motion.
+        contact_force_pct: of the fingers' forces.
+    """
+
+    static_pct: float = 5.0
+    transient_pct: float = 5.0
+    contact_force_pct: float = 10.0
+
+    def __post_init__(self) -> None:
+        require_positive(self, "static_pct", "transient_pct", "contact_force_pct")
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from mbpam_ros.actuator.rod_law import RodLaw
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.lift import HandLift, LiftAnswer
+from mbpam_ros.plant.planner import planned_scene
 from mbpam_ros.plant.scene import Scene
 from mbpam_ros.plant.solids import half_height
 from mbpam_ros.plant.tiers import (
@@ -82,19 +83,20 @@ def build_plant(
     """Return the plant of a scene, reset.
 
     Args:
-        scene: what is there.
+        scene: what is there; with the tier ``auto`` it is computed as planned (:mod:`~mbpam_ros.plant.planner`).
         gripper: the muscles and where they stand.
         pneumatics: supply, valves, transducers; by default ``pneumatics.yaml``.
         config: constants of muscles and contacts; by default ``plant.yaml``.
         seed: of the transducers' noise. The same seed and steps give the same bits.
 
     Raises:
-        ConfigError: a file is wrong, or the object starts inside its support or the palm.
+        ConfigError: a file is wrong, the object starts inside its support or the palm, or no plan fits the scene.
         TierError: no such tier, or it cannot compute what the scene holds.
         PneumaticsInputError: no such pneumatic model.
     """
     pneumatics = load_pneumatics() if pneumatics is None else pneumatics
     config = load_config(PlantConfig, "plant.yaml") if config is None else config
+    scene = planned_scene(scene, gripper.geometry.length_m)
     setup = _tier_setup(scene, gripper, config)
     return Plant(
         tier=build_tier(scene.config.tier, setup),

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.fidelity import Fidelity
+from mbpam_ros.plant.planner import at_fidelity
 from mbpam_ros.plant.plant import Observation, Plant, build_plant
-from mbpam_ros.plant.scene import Scene
 from mbpam_ros.study.fidelity.cases import Case
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def run(case: Case, fidelity: Fidelity, gripper: Gripper, calls_per_tick: int = 
         TierError: the tier cannot compute what the scene holds.
         PlantDivergedError: the step is too large for this tier here.
     """
-    plant = build_plant(scene_at(case.scene, fidelity), gripper)
+    plant = build_plant(at_fidelity(case.scene, fidelity), gripper)
     seen = [plant.observe()]
     cpu_s = sum(_ticks(case, plant, seen, calls_per_tick))
     return Record(
@@ -83,18 +83,6 @@ def run_coarser_reference(case: Case, gripper: Gripper) -> Record:
     """Run a case with one mode less and steps twice as long; the change says how far the reference is converged."""
     coarser = dataclasses.replace(REFERENCE, modes=REFERENCE.modes - 1, step_s=2.0 * REFERENCE.step_s)
     return run(case, coarser, gripper, _REFERENCE_CALLS_PER_TICK // 2)
-
-
-def scene_at(scene: Scene, fidelity: Fidelity) -> Scene:
-    """Return the scene, to be computed so."""
-    config = dataclasses.replace(
-        scene.config,
-        tier=fidelity.tier,
-        modes=fidelity.modes if fidelity.tier == "rod" else None,
-        sub_step_s=fidelity.step_s,
-        pneumatics=fidelity.pneumatics,
-    )
-    return dataclasses.replace(scene, config=config)
 
 
 def _ticks(case: Case, plant: Plant, seen: list[Observation], calls: int) -> Iterator[float]:
