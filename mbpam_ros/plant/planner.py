@@ -75,6 +75,7 @@ class Plan:
 
     Args:
         fidelity: pneumatics, tier, modes and step.
+        air_modes: modes while the object is out of reach (:mod:`~mbpam_ros.plant.stepping`); none for always the same.
         contact: whether anything can touch.
         camera: whether there is anything to see.
         moving_fingers: numbers of the fingers that are computed.
@@ -83,6 +84,7 @@ class Plan:
     """
 
     fidelity: Fidelity
+    air_modes: int | None
     contact: bool
     camera: bool
     moving_fingers: tuple[int, ...]
@@ -100,6 +102,7 @@ class Plan:
             "pneumatics": chosen.pneumatics,
             "tier": chosen.tier,
             "modes": str(chosen.modes),
+            "air_modes": str(self.air_modes or chosen.modes),
             "step_s": f"{1e3 * chosen.step_s:g} ms",
             "contact": "yes" if self.contact else "no",
             "camera": "yes" if self.camera else "no",
@@ -167,11 +170,14 @@ def plan(
     chosen = best if forced.step_s is None else dataclasses.replace(best, step_s=forced.step_s)
     touch, seen = may_touch(scene, finger_length_m), scene.object is not None
     reasons = {part: _reason(part, best, candidates, getattr(forced, part)) for part in _PARTS}
+    air_modes = _air_modes(scene, chosen, table, allowed)
+    reasons["air_modes"] = "enough while the object is out of reach" if air_modes else "the same throughout"
     reasons["contact"] = f"measured on {', '.join(cases)}" if touch else "nothing is within reach"
     reasons["camera"] = "forced" if forced.camera is not None else f"{'an' if seen else 'no'} object to see"
     reasons["moving_fingers"] = "any of their chambers may be filled"
     return Plan(
         fidelity=chosen,
+        air_modes=air_modes,
         contact=touch,
         camera=seen if forced.camera is None else forced.camera,
         moving_fingers=(1, 2, 3, 4),
@@ -191,7 +197,8 @@ def planned_scene(scene: Scene, finger_length_m: float, tick_s: float | None = N
         return scene
     made = plan(scene, finger_length_m, load_fidelity_table(), forced=forced_by(scene), tick_s=tick_s)
     logging.getLogger(__name__).info("scene %s is computed so:\n%s", scene.name, made)
-    return at_fidelity(scene, made.fidelity)
+    decided = at_fidelity(scene, made.fidelity)
+    return dataclasses.replace(decided, config=dataclasses.replace(decided.config, air_modes=made.air_modes))
 
 
 def at_fidelity(scene: Scene, fidelity: Fidelity) -> Scene:
@@ -204,6 +211,15 @@ def at_fidelity(scene: Scene, fidelity: Fidelity) -> Scene:
         pneumatics=fidelity.pneumatics,
     )
     return dataclasses.replace(scene, config=config)
+
+
+def _air_modes(scene: Scene, chosen: Fidelity, table: FidelityTable, allowed: Tolerance) -> int | None:
+    """Return fewer modes that do while an object is out of reach; none if there are none, or no object."""
+    if scene.object is None or chosen.tier != "rod":
+        return None
+    same = Forced(step_s=chosen.step_s, pneumatics=chosen.pneumatics)
+    modes = _best(_candidates(table, AIR_CASES, allowed, same, None)).modes
+    return modes if modes < chosen.modes else None
 
 
 def _candidates(

@@ -14,6 +14,7 @@ from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FING
 from mbpam_ros.actuator.rod_law import RodLaw
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.gripper import Gripper
+from mbpam_ros.plant.fidelity import Tolerance
 from mbpam_ros.plant.lift import HandLift, LiftAnswer
 from mbpam_ros.plant.planner import planned_scene
 from mbpam_ros.plant.scene import Scene
@@ -235,6 +236,7 @@ def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetu
             f"scene {scene.name}: the table is {planes[-1, 0]:g} m under the palm, the hanging muscles reach "
             f"{gripper.geometry.length_m:g} m; use a deeper table, or a slim stand on one (half_size_m, stand_height_m)"
         )
+    tolerance = scene.config.tolerance or Tolerance()
     return TierSetup(
         geometry=gripper.geometry,
         finger_base_m=gripper.finger_base_m,
@@ -244,6 +246,8 @@ def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetu
         planes_m=planes,
         config=config,
         modes=scene.config.modes,
+        air_modes=scene.config.air_modes,
+        largest_jump_m=1e-2 * tolerance.static_pct * gripper.geometry.active_length_m,
     )
 
 

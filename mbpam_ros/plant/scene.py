@@ -99,6 +99,7 @@ class SceneConfig:
         friction_coefficient: of fingers on the object; none for that of ``plant.yaml``.
         contact_stiffness_n_m: of fingers on the object; none for that of ``plant.yaml``.
         modes: modes of curvature a plane, for the tier ``rod``; none for 2 in the air, 3 where there may be contact.
+        air_modes: those while the object is out of reach; none for always ``modes``.
         tolerance: what the planner aims at; none for its default.
     """
 
@@ -114,6 +115,7 @@ class SceneConfig:
     friction_coefficient: float | None = None
     contact_stiffness_n_m: float | None = None
     modes: int | None = None
+    air_modes: int | None = None
     tolerance: Tolerance | None = None
 
     def __post_init__(self) -> None:

@@ -23,6 +23,10 @@ class Errors:
     pressure_pct: float
     contact_force_pct: float | None
 
+    def __str__(self) -> str:
+        force = "" if self.contact_force_pct is None else f", force {self.contact_force_pct:.2g} %"
+        return f"static {self.static_pct:.2g} %, transient {self.transient_pct:.2g} %{force}"
+
 
 def errors(case: Case, found: Record, reference: Record, active_length_m: float) -> Errors:
     """Return how far a run of a case is off its reference."""

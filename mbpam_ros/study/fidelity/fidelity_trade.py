@@ -29,7 +29,7 @@ from mbpam_ros.study.fidelity.cases import Case, all_cases
 from mbpam_ros.study.fidelity.errors import errors
 from mbpam_ros.study.fidelity.picture import PictureError, draw_trade
 from mbpam_ros.study.fidelity.runs import Record, run_coarser_reference, run_reference
-from mbpam_ros.study.fidelity.trade import QUICK_CASES, can_run, fidelities, measure_all, quick_fidelities
+from mbpam_ros.study.fidelity.trade import QUICK_CASES, can_run, fidelities, measure, quick_fidelities
 from mbpam_ros.study.result_file import ResultFileError, write_json
 
 _REPEATS = 3
@@ -85,7 +85,8 @@ def _trade(options: argparse.Namespace) -> int:
         [fidelity for fidelity in (quick_fidelities() if quick else fidelities()) if can_run(case, fidelity)]
         for case in cases
     ]
-    progress.start(sum(map(len, grids)), 0)
+    repeats = 1 if quick else _REPEATS
+    progress.start(repeats * sum(map(len, grids)), 0)
     rows, checks = [], {}
     for case, grid in zip(cases, grids, strict=True):
         progress.say(f"{case.name}: reference")
@@ -98,7 +99,7 @@ def _trade(options: argparse.Namespace) -> int:
                 f"{case.name}: reference converged to "
                 + ", ".join(f"{name.removesuffix('_pct')} {value:.2g} %" for name, value in checks[case.name].items())
             )
-        rows += measure_all(case, grid, reference, gripper, 1 if quick else _REPEATS, progress.job_ended)
+        rows += measure(case, grid, reference, gripper, repeats, progress.job_ended)
     values = [row_values(row) for row in rows]
     write_json(options.json, values)
     table = options.table or (None if quick else config_directory() / TABLE)

@@ -9,7 +9,7 @@ from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.fidelity import Fidelity, Measured
 from mbpam_ros.plant.tiers import PlantDivergedError
 from mbpam_ros.study.fidelity.cases import Case
-from mbpam_ros.study.fidelity.errors import errors
+from mbpam_ros.study.fidelity.errors import Errors, errors
 from mbpam_ros.study.fidelity.runs import TICK_S, Record, run
 
 PNEUMATICS = ("ideal", "lag", "iso6358")
@@ -38,29 +38,7 @@ def can_run(case: Case, fidelity: Fidelity) -> bool:
     return fidelity.tier != "static" or case.scene.object is None
 
 
-def measure(case: Case, fidelity: Fidelity, reference: Record, gripper: Gripper, repeats: int) -> Measured:
-    """Return the row of a case at one fidelity; its CPU time is the median of ``repeats`` runs.
-
-    Raises:
-        PlantDivergedError: the step is too large for this tier here.
-    """
-    records = [run(case, fidelity, gripper) for _ in range(repeats)]
-    off = errors(case, records[0], reference, gripper.geometry.active_length_m)
-    return Measured(
-        scene=case.name,
-        tier=fidelity.tier,
-        modes=fidelity.modes,
-        step_s=fidelity.step_s,
-        pneumatics=fidelity.pneumatics,
-        static_error_pct=off.static_pct,
-        transient_error_pct=off.transient_pct,
-        pressure_error_pct=off.pressure_pct,
-        cpu_ms_per_s=statistics.median(record.cpu_ms_per_s for record in records),
-        contact_force_error_pct=off.contact_force_pct,
-    )
-
-
-def measure_all(
+def measure(
     case: Case,
     grid: Sequence[Fidelity],
     reference: Record,
@@ -70,22 +48,38 @@ def measure_all(
 ) -> list[Measured]:
     """Return the rows of a case; a fidelity that diverges has none, and ``ended`` is told so.
 
+    CPU times are medians of ``repeats`` rounds through the whole grid: what else the machine does in the meantime then
+    falls upon all of them alike.
+
     Args:
-        ended: called with a line of text after each fidelity.
+        ended: called with a line of text after each run.
     """
     run(case, grid[-1], gripper)  # compiles what is not yet
-    rows = []
-    for fidelity in grid:
+    off: dict[Fidelity, Errors] = {}
+    costs: dict[Fidelity, list[float]] = {fidelity: [] for fidelity in grid}
+    for fidelity in (*grid,) * repeats:
         name = f"{case.name}: {fidelity.tier} {fidelity.modes}, {1e3 * fidelity.step_s:g} ms, {fidelity.pneumatics}"
         try:
-            row = measure(case, fidelity, reference, gripper, repeats)
+            record = run(case, fidelity, gripper)
         except PlantDivergedError as error:
             ended(f"{name}: {error}")
             continue
-        rows.append(row)
-        force = "" if row.contact_force_error_pct is None else f", force {row.contact_force_error_pct:.2g} %"
-        ended(
-            f"{name}: static {row.static_error_pct:.2g} %, transient {row.transient_error_pct:.2g} %{force}, "
-            f"{row.cpu_ms_per_s:.0f} ms/s"
-        )
-    return rows
+        costs[fidelity].append(record.cpu_ms_per_s)
+        off[fidelity] = errors(case, record, reference, gripper.geometry.active_length_m)
+        ended(f"{name}: {off[fidelity]}, {record.cpu_ms_per_s:.0f} ms/s")
+    return [_row(case, fidelity, found, costs[fidelity]) for fidelity, found in off.items()]
+
+
+def _row(case: Case, fidelity: Fidelity, off: Errors, costs_ms_per_s: Sequence[float]) -> Measured:
+    return Measured(
+        scene=case.name,
+        tier=fidelity.tier,
+        modes=fidelity.modes,
+        step_s=fidelity.step_s,
+        pneumatics=fidelity.pneumatics,
+        static_error_pct=off.static_pct,
+        transient_error_pct=off.transient_pct,
+        pressure_error_pct=off.pressure_pct,
+        cpu_ms_per_s=statistics.median(costs_ms_per_s),
+        contact_force_error_pct=off.contact_force_pct,
+    )

@@ -139,9 +139,25 @@ def test_contact_and_camera_are_there_only_with_an_object():
     assert planned(EMPTY, camera=True).camera
 
 
+def test_an_object_out_of_reach_takes_as_many_modes_as_the_air():
+    assert planned(BULB, 1.0, modes=3).air_modes == 2
+    assert planned(BULB, 1.0).air_modes is None  # two in contact as well
+    assert planned(EMPTY, 1.0).air_modes is None
+
+
 def test_the_plan_says_for_each_part_what_else_there_was():
     text = str(planned(EMPTY, 1.0))
-    for part in ("pneumatics", "tier", "modes", "step_s", "contact", "camera", "moving_fingers", "expected"):
+    for part in (
+        "pneumatics",
+        "tier",
+        "modes",
+        "air_modes",
+        "step_s",
+        "contact",
+        "camera",
+        "moving_fingers",
+        "expected",
+    ):
         assert any(line.startswith(part) for line in text.splitlines())
     assert "arc: 3 % at rest" in text
     assert "within the tolerance" in text
