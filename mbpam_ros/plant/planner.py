@@ -64,8 +64,8 @@ class Expected:
     excess: float
 
     def __str__(self) -> str:
-        errors = f"{self.static_pct:.2g} % at rest, {self.transient_pct:.2g} % in motion"
-        force = f", {self.contact_force_pct:.2g} % of force" if self.contact_force_pct else ""
+        errors = f"{_figure(self.static_pct)} % at rest, {_figure(self.transient_pct)} % in motion"
+        force = f", {_figure(self.contact_force_pct)} % of force" if self.contact_force_pct else ""
         return f"{errors}{force}, {self.cpu_ms_per_s:.0f} ms/s"
 
 
@@ -80,7 +80,7 @@ class Plan:
         camera: whether there is anything to see.
         moving_fingers: numbers of the fingers that are computed.
         expected: errors and cost.
-        reasons: for each part, by its name.
+        reasons: for each part, by its name, in lines.
     """
 
     fidelity: Fidelity
@@ -89,7 +89,7 @@ class Plan:
     camera: bool
     moving_fingers: tuple[int, ...]
     expected: Expected
-    reasons: dict[str, str]
+    reasons: dict[str, tuple[str, ...]]
 
     @property
     def within_tolerance(self) -> bool:
@@ -108,11 +108,14 @@ class Plan:
             "camera": "yes" if self.camera else "no",
             "moving_fingers": " ".join(map(str, self.moving_fingers)),
         }
-        lines = [f"{name:<15} {value:<9} {self.reasons[name]}" for name, value in values.items()]
         verdict = (
             "within the tolerance" if self.within_tolerance else "OUTSIDE the tolerance; nothing measured is nearer"
         )
-        return "\n".join([*lines, f"{'expected':<15} {self.expected}: {verdict}"])
+        lines = [f"{'expected':<15} {self.expected}: {verdict}"]
+        for name, value in values.items():
+            first, *others = self.reasons[name]
+            lines += [f"{name:<15} {value:<8} {first}", *(f"{'':<24} {other}" for other in others)]
+        return "\n".join(lines)
 
 
 def may_touch(scene: Scene, finger_length_m: float) -> bool:
@@ -171,10 +174,10 @@ def plan(
     touch, seen = may_touch(scene, finger_length_m), scene.object is not None
     reasons = {part: _reason(part, best, candidates, getattr(forced, part)) for part in _PARTS}
     air_modes = _air_modes(scene, chosen, table, allowed)
-    reasons["air_modes"] = "enough while the object is out of reach" if air_modes else "the same throughout"
-    reasons["contact"] = f"measured on {', '.join(cases)}" if touch else "nothing is within reach"
-    reasons["camera"] = "forced" if forced.camera is not None else f"{'an' if seen else 'no'} object to see"
-    reasons["moving_fingers"] = "any of their chambers may be filled"
+    reasons["air_modes"] = ("enough while the object is out of reach" if air_modes else "the same throughout",)
+    reasons["contact"] = (f"measured on {', '.join(cases)}" if touch else "nothing is within reach",)
+    reasons["camera"] = ("forced" if forced.camera is not None else f"{'an' if seen else 'no'} object to see",)
+    reasons["moving_fingers"] = ("any of their chambers may be filled",)
     return Plan(
         fidelity=chosen,
         air_modes=air_modes,
@@ -295,16 +298,21 @@ def _best(candidates: dict[Fidelity, Expected]) -> Fidelity:
     return min(candidates, key=lambda each: candidates[each].excess)
 
 
-def _reason(part: str, chosen: Fidelity, candidates: dict[Fidelity, Expected], forced: object) -> str:
-    """Say what else there was for one part, the others being free, and what it would give."""
+def _reason(part: str, chosen: Fidelity, candidates: dict[Fidelity, Expected], forced: object) -> tuple[str, ...]:
+    """Say what else there was for one part, the others being free, and what the best of it would give."""
     if forced is not None:
-        return "forced"
+        return ("forced",)
     others = [value for value in _values(candidates, part) if value != getattr(chosen, part)]
     if not others:
-        return "the only one that was measured with the rest"
+        return ("nothing else was measured with the rest",)
     told = []
     for value in others:
         rivals = {each: expected for each, expected in candidates.items() if getattr(each, part) == value}
+        expected = rivals[_best(rivals)]
         name = f"{1e3 * value:g} ms" if part == "step_s" else str(value)
-        told.append(f"{name}: {rivals[_best(rivals)]}")
-    return "; ".join(told)
+        told.append(f"not {name}: {expected}{', too far off' if expected.excess > 1.0 else ''}")
+    return tuple(told)
+
+
+def _figure(value: float) -> str:
+    return f"{value:.2g}" if value < 10.0 else f"{value:.0f}"

@@ -51,8 +51,12 @@ def reference_check(case: Case, reference: Record, gripper: Gripper) -> dict[str
 
 
 def row_values(row: Measured) -> dict[str, str | float]:
-    """Return a row as JSON has it: without a contact force where nothing touches."""
-    return {name: value for name, value in dataclasses.asdict(row).items() if value is not None}
+    """Return a row as JSON has it: to four figures, and without a contact force where nothing touches."""
+    return {
+        name: float(f"{value:.4g}") if isinstance(value, float) else value
+        for name, value in dataclasses.asdict(row).items()
+        if value is not None
+    }
 
 
 def machine() -> dict[str, str]:

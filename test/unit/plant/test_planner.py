@@ -103,7 +103,7 @@ def test_each_part_can_be_forced(forced):
     found = planned(EMPTY, 1.0, **forced)
     for part, value in forced.items():
         assert getattr(found.fidelity, part) == value
-        assert found.reasons[part] == "forced"
+        assert found.reasons[part] == ("forced",)
 
 
 def test_forced_pneumatics_are_taken_for_the_real_ones():
@@ -159,7 +159,8 @@ def test_the_plan_says_for_each_part_what_else_there_was():
         "expected",
     ):
         assert any(line.startswith(part) for line in text.splitlines())
-    assert "arc: 3 % at rest" in text
+    assert "not arc: 3 % at rest, 3 % in motion, 30 ms/s, too far off" in text
+    assert "not 3: 0.05 % at rest, 0.1 % in motion, 60 ms/s\n" in text
     assert "within the tolerance" in text
 
 
