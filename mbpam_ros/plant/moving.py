@@ -143,9 +143,9 @@ class RodTier(Tier):
         self._show()
 
     def largest_rate_rad_s(self) -> float:
-        """Return the largest sum of a muscle's rates, which bounds how fast any of its sections turns."""
-        rates = self._state.velocity[: self._coordinates].reshape(FINGER_COUNT, -1, 2)
-        return float(np.hypot(rates[..., 0], rates[..., 1]).sum(axis=1).max())
+        """Return the largest sum of a muscle's rates, which no section of it exceeds in turning."""
+        rates = self._state.velocity[: self._coordinates].reshape(FINGER_COUNT, -1)
+        return float(np.abs(rates).sum(axis=1).max())
 
     def centreline_m(self) -> Array:
         """Return points of the centre lines as in :class:`~mbpam_ros.plant.tiers.TierState`."""

@@ -217,12 +217,14 @@ def at_fidelity(scene: Scene, fidelity: Fidelity) -> Scene:
 
 
 def _air_modes(scene: Scene, chosen: Fidelity, table: FidelityTable, allowed: Tolerance) -> int | None:
-    """Return fewer modes that do while an object is out of reach; none if there are none, or no object."""
+    """Return fewer modes that do while an object is out of reach; none if they would not cost less, or no object."""
     if scene.object is None or chosen.tier != "rod":
         return None
     same = Forced(step_s=chosen.step_s, pneumatics=chosen.pneumatics)
-    modes = _best(_candidates(table, AIR_CASES, allowed, same, None)).modes
-    return modes if modes < chosen.modes else None
+    found = _candidates(table, AIR_CASES, allowed, same, None)
+    best = _best(found)
+    dearest = max(found[each].cpu_ms_per_s for each in found if each.tier == "rod" and each.modes == chosen.modes)
+    return best.modes if dearest > SAME_COST * found[best].cpu_ms_per_s else None
 
 
 def _candidates(

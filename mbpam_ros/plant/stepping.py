@@ -1,9 +1,9 @@
 """Tier ``rod`` with fewer modes, and without the object, while nothing is within the muscles' reach.
 
-Before each step the gap between muscles and object is set beside how far the muscles may come within it. Stepping up
-adds modes that start at zero, which moves nothing but what the number of points along a rod changes; stepping down
-drops modes, and is done only if no tip moves by more than what is allowed and the object is at rest, where it then
-stays. Every change is logged.
+Before each step in the air the gap between muscles and object is set beside how far the muscles may come within it.
+Stepping up adds modes that start at zero, which moves nothing but what the number of points along a rod changes.
+Stepping down drops modes; ten times a second it is tried, and done if no tip moves by more than what is allowed and the
+object is at rest, where it then stays. Every change is logged.
 """
 
 from __future__ import annotations
@@ -23,7 +23,11 @@ LEAST_GAP_M = 0.004
 _STEP_DOWN_GAP = 1.5
 """Over the gap at which it steps up, so that it does not step back and forth."""
 
+_FASTEST_M_S = 5.0
+"""Muscles in the air stay far below it: until they could have come within reach, nothing need be looked at."""
+
 _REST_M_S, _REST_RAD_S = 1e-3, 1e-2
+_LOOK_DOWN_EVERY_S = 0.1
 
 _log = logging.getLogger(__name__)
 
@@ -50,13 +54,16 @@ class SteppingTier(Tier):
         self._air.reset()
         self._contact.reset()
         self._active = self._contact
-        self._time_s = 0.0
+        self._time_s = self._look_s = 0.0
+        self._turn, self._centre_m = self._object_place()
 
     def step(  # noqa: D102
         self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array
     ) -> None:
         duration_s = (len(hand_height_m) - 1) * self._setup.sub_step_s
-        self._choose(duration_s, hand_height_m, hand_velocity_m_s)
+        if self._time_s >= self._look_s:
+            look = self._look_down if self.in_contact_tier else self._look_up
+            look(duration_s, hand_height_m, hand_velocity_m_s)
         self._active.step(before, after, hand_height_m, hand_velocity_m_s)
         self._time_s += duration_s
 
@@ -68,16 +75,28 @@ class SteppingTier(Tier):
             still, bend_rad=moving.bend_rad, bend_rate_rad_s=moving.bend_rate_rad_s, centreline_m=moving.centreline_m
         )
 
-    def _choose(self, duration_s: float, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        lines = self._active.centreline_m()
-        gap_m = self._gap_m(lines - (0.0, 0.0, hand_height_m[0]))
+    def _look_up(self, duration_s: float, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        lines = self._air.centreline_m()
+        gap_m = self._gap_m(lines, hand_height_m[0])
+        if gap_m < self._reach_m(duration_s, hand_velocity_m_s):
+            self._change(self._contact, gap_m, lines)
+        self._look_s = self._time_s + max(gap_m - LEAST_GAP_M, 0.0) / _FASTEST_M_S - duration_s
+
+    def _look_down(self, duration_s: float, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        if self._object_rests():
+            self._turn, self._centre_m = self._object_place()
+            lines = self._contact.centreline_m()
+            gap_m = self._gap_m(lines, hand_height_m[0])
+            if gap_m > _STEP_DOWN_GAP * self._reach_m(duration_s, hand_velocity_m_s):
+                self._change(self._air, gap_m, lines)
+        # The first step is what shows whether the object rests; in the air the next one is looked at.
+        waits = self.in_contact_tier and self._time_s > 0.0
+        self._look_s = self._time_s + (_LOOK_DOWN_EVERY_S if waits else 0.0)
+
+    def _reach_m(self, duration_s: float, hand_velocity_m_s: Array) -> float:
+        """How near the object may be for the muscles not to touch it within the step, even at twice their speed."""
         speed_m_s = self._setup.geometry.length_m * self._active.largest_rate_rad_s() + np.abs(hand_velocity_m_s).max()
-        reach_m = LEAST_GAP_M + 2.0 * speed_m_s * duration_s
-        if not self.in_contact_tier:
-            if gap_m < reach_m:
-                self._change(self._contact, gap_m, lines)
-        elif gap_m > _STEP_DOWN_GAP * reach_m and self._object_rests():
-            self._change(self._air, gap_m, lines)
+        return LEAST_GAP_M + 2.0 * speed_m_s * duration_s
 
     def _change(self, tier: RodTier, gap_m: float, lines: Array) -> None:
         """Go on with ``tier``, unless the tips would jump by more than what is allowed."""
@@ -101,11 +120,15 @@ class SteppingTier(Tier):
             and abs(seen.support_force_n[2] + weight_n) < 0.01 * weight_n
         )
 
-    def _gap_m(self, lines_in_world_m: Array) -> float:
-        """Smallest distance of the muscles' surface from the object's; negative where they overlap."""
+    def _object_place(self) -> tuple[Array, Array]:
+        """Axes, in columns, and centre of the object in the world, shapes (3, 3) and (3,)."""
         body = self._contact.body_state()
-        turn = Rotation.from_quat(body.orientation_xyzw).as_matrix()
-        points = (lines_in_world_m.reshape(-1, 3) - body.position_m) @ turn
+        return Rotation.from_quat(body.orientation_xyzw).as_matrix(), body.position_m
+
+    def _gap_m(self, lines_m: Array, hand_height_m: float) -> float:
+        """Smallest distance of the muscles' surface from the object's; not right where they overlap, but negative."""
+        centre = self._centre_m + (0.0, 0.0, hand_height_m)  # in gripper_base
+        points = (lines_m.reshape(-1, 3) - centre) @ self._turn
         return float(outside_distance_m(self._setup.body, points).min()) - self._setup.geometry.outer_radius_m
 
 

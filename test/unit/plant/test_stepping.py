@@ -105,6 +105,18 @@ def test_it_does_not_step_down_where_the_tips_would_jump_by_more_than_is_allowed
     assert len(messages(caplog)) == changes
 
 
+@pytest.mark.parametrize("waited_s", [0.12, 0.13, 0.2, 0.31])
+def test_however_fast_the_fingers_close_the_plant_steps_up_before_they_touch(caplog, waited_s):
+    caplog.set_level(logging.INFO)
+    plant = plant_of(pneumatics="ideal", object_position_m=(0.0, 0.0, 0.105),
+                     support=dataclasses.replace(load_scene("bulb").config.support, depth_m=0.135))  # fmt: skip
+    drive(plant, OPEN, waited_s)
+    drive(plant, 1.5 * CLOSED, 0.5)
+    up = [text for text in messages(caplog) if "up to" in text]
+    assert len(up) == 1
+    assert 0.0 < float(up[0].split("the object ")[1].split()[0]) < 10.0
+
+
 def test_a_reset_gives_the_same_bits_again():
     plant = plant_of()
     first = drive(plant, CLOSED, 0.7)[-1]
