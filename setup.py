@@ -16,6 +16,7 @@ NODES = (
     "demo",
 )
 DESIGN_STUDY = ("sample_design", "compare_metamodels", "optimise_design")
+FIDELITY = ("fidelity_trade", "plan")
 ROS_WHEELS = [
     "ros-rclpy",
     "ros-rmw-fastrtps-cpp",
@@ -66,6 +67,7 @@ setup(
             *(f"{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
             f"calibrate_fe = {PACKAGE}.study.fe.calibrate_fe:main",
             *(f"{command} = {PACKAGE}.study.design.{command}:main" for command in DESIGN_STUDY),
+            *(f"{command} = {PACKAGE}.study.fidelity.{command}:main" for command in FIDELITY),
         ]
     },
 )

@@ -20,11 +20,13 @@ from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.actuator.planar_rod import RodSolutionError
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.nodes.log_forwarding import forward_logs
 from mbpam_ros.nodes.markers import WORLD_FRAME, colour, finger_markers, solid_marker
 from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, time_stamp
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.plant_camera import PlantCamera
 from mbpam_ros.plant.lift import LiftAnswer
+from mbpam_ros.plant.planner import planned_scene
 from mbpam_ros.plant.plant import Observation, Plant, build_plant
 from mbpam_ros.plant.scene import Scene, load_scene
 from mbpam_ros.plant.tiers import PlantDivergedError, TierError
@@ -36,7 +38,7 @@ PARAMETERS = (
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: supply, valves, chambers, transducers"),
     Parameter("camera", "camera.yaml", "camera file: resolution, lens and pose"),
     Parameter("scene", "bulb", "scene: a name of config/scenes or a file"),
-    Parameter("tier", "", "static, arc or rod; empty: as the scene says"),
+    Parameter("tier", "", "static, arc, rod or auto (planned); empty: as the scene says"),
     Parameter("seed", 0, "seed of all noise", 0, 2**31 - 1),
     Parameter("rate_hz", 100.0, "rate of transducers and of the plant's ticks [Hz]", 10.0, 1000.0),
     Parameter("camera_rate_hz", 5.0, "rate of camera images [Hz]; 0: no camera", 0.0, 60.0),
@@ -50,6 +52,9 @@ PARAMETERS = (
 SLOW_FACTOR = 0.95
 """Below this part of real time the health report warns."""
 
+PLANT_LOGGER = "mbpam_ros.plant"
+"""Says how a scene was planned, and when the plant steps between tiers."""
+
 FINGER_RGB = (0.80, 0.82, 0.84)
 PALM_SIZE_M = (0.12, 0.12, 0.01)
 
@@ -60,6 +65,7 @@ class PlantNode(GripperNode):
     def __init__(self, **node_options: object) -> None:
         super().__init__("plant", PARAMETERS, **node_options)
         self._gripper = load_gripper(self.value("gripper"))
+        forward_logs(PLANT_LOGGER, self.get_logger())
         self._scene = self._load_scene()
         self._plant = self._build_plant()
         self._dt_s = 1.0 / self.value("rate_hz")
@@ -109,6 +115,7 @@ class PlantNode(GripperNode):
         scene = load_scene(self.value("scene"))
         if self.value("tier"):
             scene = dataclasses.replace(scene, config=dataclasses.replace(scene.config, tier=self.value("tier")))
+        scene = planned_scene(scene, self._gripper.geometry.length_m, tick_s=1.0 / self.value("rate_hz"))
         ratio = 1.0 / (self.value("rate_hz") * scene.config.sub_step_s)
         if abs(ratio - round(ratio)) > 1e-6 or ratio < 1.0:
             raise ConfigError(

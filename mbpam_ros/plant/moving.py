@@ -132,20 +132,52 @@ class RodTier(Tier):
             )
         self._state = state
 
+    @property
+    def modes(self) -> int:
+        """Modes of curvature a plane."""
+        return self._coordinates // (2 * FINGER_COUNT)
+
+    def take_over(self, other: RodTier) -> None:
+        """Go on with the muscles of another tier as they are: modes it does not have are zero, those too many dropped.
+
+        The object stays as it is here.
+        """
+        common = 2 * min(self.modes, other.modes)
+        for own, theirs in zip(self._state[:2], other._state[:2], strict=True):
+            own[: self._coordinates] = 0.0
+            rows = own[: self._coordinates].reshape(FINGER_COUNT, -1)
+            rows[:, :common] = theirs[: other._coordinates].reshape(FINGER_COUNT, -1)[:, :common]
+        self._show()
+
+    def largest_rate_rad_s(self) -> float:
+        """Return the largest sum of a muscle's rates, which no section of it exceeds in turning."""
+        rates = self._state.velocity[: self._coordinates].reshape(FINGER_COUNT, -1)
+        return float(np.abs(rates).sum(axis=1).max())
+
+    def centreline_m(self) -> Array:
+        """Return points of the centre lines as in :class:`~mbpam_ros.plant.tiers.TierState`."""
+        return self._line_weights @ self._motion.tangent + self._setup.finger_base_m[:, None, :]
+
+    def body_state(self) -> BodyState | None:
+        """Return copies of where the object is and how it moves; none without one."""
+        if self._setup.body is None:
+            return None
+        velocity, fingers = self._state.velocity, self._coordinates
+        turning = velocity[fingers + 3 :].copy()
+        return BodyState(
+            self._state.position.copy(), self._state.orientation.copy(), velocity[fingers : fingers + 3].copy(), turning
+        )
+
     def state(self) -> TierState:  # noqa: D102
-        shape, velocity, position, orientation = (part.copy() for part in self._state)
-        fingers = self._coordinates
-        body = None
-        if self._setup.body is not None:
-            body = BodyState(position, orientation, velocity[fingers : fingers + 3], velocity[fingers + 3 :])
+        shape, velocity, fingers = self._state.shape, self._state.velocity, self._coordinates
         rates = velocity[:fingers].reshape(FINGER_COUNT, -1)
         tip_rate = np.einsum("fij,fj->fi", self._motion.slope[:, -1], rates)
         bend, bend_rate = tip_bend(self._motion.tangent[:, -1], tip_rate, shape.reshape(FINGER_COUNT, -1)[:, :2])
         return TierState(
             bend_rad=bend,
             bend_rate_rad_s=bend_rate,
-            centreline_m=self._line_weights @ self._motion.tangent + self._setup.finger_base_m[:, None, :],
-            body=body,
+            centreline_m=self.centreline_m(),
+            body=self.body_state(),
             finger_force_n=self._forces.finger.copy(),
             support_force_n=self._forces.support.copy(),
             palm_force_n=self._forces.palm.copy(),

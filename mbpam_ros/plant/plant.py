@@ -14,7 +14,9 @@ from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FING
 from mbpam_ros.actuator.rod_law import RodLaw
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.gripper import Gripper
+from mbpam_ros.plant.fidelity import Tolerance
 from mbpam_ros.plant.lift import HandLift, LiftAnswer
+from mbpam_ros.plant.planner import planned_scene
 from mbpam_ros.plant.scene import Scene
 from mbpam_ros.plant.solids import half_height
 from mbpam_ros.plant.tiers import (
@@ -82,19 +84,20 @@ def build_plant(
     """Return the plant of a scene, reset.
 
     Args:
-        scene: what is there.
+        scene: what is there; with the tier ``auto`` it is computed as planned (:mod:`~mbpam_ros.plant.planner`).
         gripper: the muscles and where they stand.
         pneumatics: supply, valves, transducers; by default ``pneumatics.yaml``.
         config: constants of muscles and contacts; by default ``plant.yaml``.
         seed: of the transducers' noise. The same seed and steps give the same bits.
 
     Raises:
-        ConfigError: a file is wrong, or the object starts inside its support or the palm.
+        ConfigError: a file is wrong, the object starts inside its support or the palm, or no plan fits the scene.
         TierError: no such tier, or it cannot compute what the scene holds.
         PneumaticsInputError: no such pneumatic model.
     """
     pneumatics = load_pneumatics() if pneumatics is None else pneumatics
     config = load_config(PlantConfig, "plant.yaml") if config is None else config
+    scene = planned_scene(scene, gripper.geometry.length_m)
     setup = _tier_setup(scene, gripper, config)
     return Plant(
         tier=build_tier(scene.config.tier, setup),
@@ -243,6 +246,7 @@ def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetu
             f"scene {scene.name}: the table is {planes[-1, 0]:g} m under the palm, the hanging muscles reach "
             f"{gripper.geometry.length_m:g} m; use a deeper table, or a slim stand on one (half_size_m, stand_height_m)"
         )
+    tolerance = scene.config.tolerance or Tolerance()
     return TierSetup(
         geometry=gripper.geometry,
         finger_base_m=gripper.finger_base_m,
@@ -253,6 +257,8 @@ def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetu
         config=config,
         modes=scene.config.modes,
         fingers_touch=scene.config.fingers_touch,
+        air_modes=scene.config.air_modes,
+        largest_jump_m=1e-2 * tolerance.static_pct * gripper.geometry.active_length_m,
     )
 
 

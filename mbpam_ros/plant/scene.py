@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.configuration import ConfigError, config_directory, load_config, require_positive
+from mbpam_ros.plant.fidelity import AUTO, Tolerance
 from mbpam_ros.plant.lift import LiftConfig
 
 
@@ -88,8 +89,9 @@ class SceneConfig:
         object: name in ``objects.yaml``; none for an empty scene.
         object_position_m: centre of the object at the start; given with ``object``.
         object_yaw_rad: turn about z; 0 lays a rod along y.
-        tier: how the muscles are computed: static, arc or rod.
-        sub_step_s: step of the computation.
+        tier: how the muscles are computed: static, arc or rod; auto leaves it, and what is none of ``sub_step_s``,
+            ``pneumatics`` and ``modes``, to the planner (:mod:`~mbpam_ros.plant.planner`).
+        sub_step_s: step of the computation; none only with the tier auto.
         pneumatics: model of valves and chambers; none for that of ``pneumatics.yaml``.
         gravity_m_s2: acceleration along +z.
         support: what the object rests on.
@@ -98,13 +100,15 @@ class SceneConfig:
         contact_stiffness_n_m: of fingers on the object; none for that of ``plant.yaml``.
         modes: modes of curvature a plane, for the tier ``rod``; none for 2 in the air, 3 where there may be contact.
         fingers_touch: whether fingers touch each other (tiers arc and rod); otherwise they pass through each other.
+        air_modes: those while the object is out of reach; none for always ``modes``.
+        tolerance: what the planner aims at; none for its default.
     """
 
     object: str | None
     object_position_m: tuple[float, float, float] | None
     object_yaw_rad: float
     tier: str
-    sub_step_s: float
+    sub_step_s: float | None
     pneumatics: str | None
     gravity_m_s2: float
     support: SupportConfig | None
@@ -113,9 +117,14 @@ class SceneConfig:
     contact_stiffness_n_m: float | None = None
     modes: int | None = None
     fingers_touch: bool = True
+    air_modes: int | None = None
+    tolerance: Tolerance | None = None
 
     def __post_init__(self) -> None:
-        require_positive(self, "sub_step_s")
+        if self.sub_step_s is not None:
+            require_positive(self, "sub_step_s")
+        elif self.tier != AUTO:
+            raise ValueError(f"sub_step_s must be given with tier {self.tier}; only tier auto chooses one")
         if (self.object is None) != (self.object_position_m is None):
             raise ValueError("object and object_position_m must both be given or both be null")
         if self.friction_coefficient is not None and self.friction_coefficient < 0.0:

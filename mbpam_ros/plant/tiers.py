@@ -82,6 +82,8 @@ class TierSetup:
         config: constants of muscles and contacts.
         modes: modes of curvature a plane, for the tier ``rod``; none for its own choice.
         fingers_touch: whether muscles touch each other; otherwise they pass through each other.
+        air_modes: those while the object is out of reach; none for always ``modes``.
+        largest_jump_m: what a tip may move by when the number of modes changes.
     """
 
     geometry: MuscleGeometry
@@ -93,6 +95,8 @@ class TierSetup:
     config: PlantConfig
     modes: int | None = None
     fingers_touch: bool = False
+    air_modes: int | None = None
+    largest_jump_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -170,6 +174,8 @@ _TIERS = {
 }
 """Modules are imported when asked for: a tier that is not used is neither loaded nor compiled."""
 
+_STEPPING = ("mbpam_ros.plant.stepping", "SteppingTier")
+
 
 def tier_names() -> tuple[str, ...]:
     """Return the names of all tiers, cheapest first."""
@@ -186,5 +192,7 @@ def build_tier(name: str, setup: TierSetup) -> Tier:
         raise TierError(f"no tier {name!r}; known: {', '.join(_TIERS)}")
     if setup.modes is not None and name != "rod":
         raise TierError(f"tier {name!r} takes no modes, found {setup.modes}: use tier 'rod', or leave modes out")
-    module, tier = _TIERS[name]
+    if setup.air_modes is not None and (name != "rod" or setup.body is None):
+        raise TierError(f"air_modes are for the tier 'rod' with an object, found tier {name!r}: leave them out")
+    module, tier = _TIERS[name] if setup.air_modes is None else _STEPPING
     return getattr(importlib.import_module(module), tier)(setup)

@@ -10,7 +10,7 @@ class ResultFileError(RuntimeError):
     """A result cannot be written, or its file holds something else; the message says where and why."""
 
 
-def write_json(path: Path, content: dict) -> None:
+def write_json(path: Path, content: dict | list) -> None:
     """Write JSON. Every number in it must be finite.
 
     Raises:

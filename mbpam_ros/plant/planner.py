@@ -1,0 +1,320 @@
+"""Choose how a scene is computed: the cheapest way that was measured to stay within a tolerance, with the reasons.
+
+What is in the scene says which measured cases stand for it: without anything to touch those in the air, with an object
+those that grasp one of its shape. A fidelity is as far off as in the worst of them, and never nearer than their
+reference is known. CPU times vary from run to run, so of those that cost next to the least the most accurate is taken.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from mbpam_ros.configuration import ConfigError
+from mbpam_ros.plant.fidelity import (
+    AUTO,
+    Fidelity,
+    FidelityTable,
+    Measured,
+    Tolerance,
+    load_fidelity_table,
+)
+from mbpam_ros.plant.scene import Scene
+
+AIR_CASES = ("free_bend", "unequal_pressures", "fast_release")
+GRASP_CASES = {"sphere": ("sphere", "lift"), "cylinder": ("slender_rod",), "box": ("box",)}
+REFERENCE_PNEUMATICS = "iso6358"
+SAME_COST = 1.1
+"""Costs within this factor count as equal: medians of process times repeat no better."""
+
+_PARTS = ("pneumatics", "tier", "modes", "step_s")
+
+
+class PlanError(ConfigError):
+    """Nothing that was measured fits what is asked for; the message says what does."""
+
+
+@dataclass(frozen=True)
+class Forced:
+    """What the user has decided; none leaves a part to the planner."""
+
+    tier: str | None = None
+    modes: int | None = None
+    step_s: float | None = None
+    pneumatics: str | None = None
+    camera: bool | None = None
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a fidelity was measured to be off by, the worst of its cases [%], and to cost, their mean.
+
+    Args:
+        static_pct, transient_pct, contact_force_pct: as in :class:`~mbpam_ros.plant.fidelity.Tolerance`.
+        cpu_ms_per_s: for one simulated second.
+        excess: the largest error over what is allowed; up to 1 is within the tolerance.
+    """
+
+    static_pct: float
+    transient_pct: float
+    contact_force_pct: float
+    cpu_ms_per_s: float
+    excess: float
+
+    def __str__(self) -> str:
+        errors = f"{_figure(self.static_pct)} % at rest, {_figure(self.transient_pct)} % in motion"
+        force = f", {_figure(self.contact_force_pct)} % of force" if self.contact_force_pct else ""
+        return f"{errors}{force}, {self.cpu_ms_per_s:.0f} ms/s"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a scene is to be computed.
+
+    Args:
+        fidelity: pneumatics, tier, modes and step.
+        air_modes: modes while the object is out of reach (:mod:`~mbpam_ros.plant.stepping`); none for always the same.
+        contact: whether anything can touch.
+        camera: whether there is anything to see.
+        moving_fingers: numbers of the fingers that are computed.
+        expected: errors and cost.
+        reasons: for each part, by its name, in lines.
+    """
+
+    fidelity: Fidelity
+    air_modes: int | None
+    contact: bool
+    camera: bool
+    moving_fingers: tuple[int, ...]
+    expected: Expected
+    reasons: dict[str, tuple[str, ...]]
+
+    @property
+    def within_tolerance(self) -> bool:
+        """Whether every error is expected to be within what is allowed."""
+        return self.expected.excess <= 1.0
+
+    def __str__(self) -> str:
+        chosen = self.fidelity
+        values = {
+            "pneumatics": chosen.pneumatics,
+            "tier": chosen.tier,
+            "modes": str(chosen.modes),
+            "air_modes": str(self.air_modes or chosen.modes),
+            "step_s": f"{1e3 * chosen.step_s:g} ms",
+            "contact": "yes" if self.contact else "no",
+            "camera": "yes" if self.camera else "no",
+            "moving_fingers": " ".join(map(str, self.moving_fingers)),
+        }
+        verdict = (
+            "within the tolerance" if self.within_tolerance else "OUTSIDE the tolerance; nothing measured is nearer"
+        )
+        lines = [f"{'expected':<15} {self.expected}: {verdict}"]
+        for name, value in values.items():
+            first, *others = self.reasons[name]
+            lines += [f"{name:<15} {value:<8} {first}", *(f"{'':<24} {other}" for other in others)]
+        return "\n".join(lines)
+
+
+def may_touch(scene: Scene, finger_length_m: float) -> bool:
+    """Whether the fingers of that length may touch an object or a table."""
+    support = scene.config.support
+    return scene.object is not None or (support is not None and support.planes_m[-1, 0] < finger_length_m)
+
+
+def cases_of(scene: Scene, finger_length_m: float) -> tuple[str, ...]:
+    """Return the measured cases that stand for a scene."""
+    if not may_touch(scene, finger_length_m):
+        return AIR_CASES
+    if scene.object is None:
+        return tuple(case for cases in GRASP_CASES.values() for case in cases)
+    return GRASP_CASES[scene.object.shape]
+
+
+def forced_by(scene: Scene) -> Forced:
+    """Return what a scene file with the tier ``auto`` decides itself; with another tier, nothing is left to plan."""
+    config = scene.config
+    return Forced(
+        tier=None if config.tier == AUTO else config.tier,
+        modes=config.modes,
+        step_s=config.sub_step_s,
+        pneumatics=config.pneumatics,
+    )
+
+
+def plan(
+    scene: Scene,
+    finger_length_m: float,
+    table: FidelityTable,
+    tolerance: Tolerance | None = None,
+    forced: Forced = Forced(),  # noqa: B008  (frozen)
+    tick_s: float | None = None,
+) -> Plan:
+    """Return how to compute a scene.
+
+    Args:
+        scene: what is there. What it says of how to compute it is not read: see :func:`forced_by`.
+        finger_length_m: of the muscles, how far down they reach.
+        table: measured errors and costs.
+        tolerance: what errors are allowed; none for the scene's, or else the default.
+        forced: what the user has decided. Pneumatics that are forced are taken for the real ones: what they differ from
+            ISO 6358 is then no error. A forced step that was not measured counts as the next longer one that was.
+        tick_s: steps must go into it a whole number of times; none for any.
+
+    Raises:
+        PlanError: nothing that was measured fits what is forced.
+    """
+    allowed = tolerance or scene.config.tolerance or Tolerance()
+    cases = cases_of(scene, finger_length_m)
+    candidates = _candidates(table, cases, allowed, forced, tick_s)
+    best = _best(candidates)
+    chosen = best if forced.step_s is None else dataclasses.replace(best, step_s=forced.step_s)
+    touch, seen = may_touch(scene, finger_length_m), scene.object is not None
+    reasons = {part: _reason(part, best, candidates, getattr(forced, part)) for part in _PARTS}
+    air_modes = _air_modes(scene, chosen, table, allowed)
+    reasons["air_modes"] = ("enough while the object is out of reach" if air_modes else "the same throughout",)
+    reasons["contact"] = (f"measured on {', '.join(cases)}" if touch else "nothing is within reach",)
+    reasons["camera"] = ("forced" if forced.camera is not None else f"{'an' if seen else 'no'} object to see",)
+    reasons["moving_fingers"] = ("any of their chambers may be filled",)
+    return Plan(
+        fidelity=chosen,
+        air_modes=air_modes,
+        contact=touch,
+        camera=seen if forced.camera is None else forced.camera,
+        moving_fingers=(1, 2, 3, 4),
+        expected=candidates[best],
+        reasons=reasons,
+    )
+
+
+def planned_scene(scene: Scene, finger_length_m: float, tick_s: float | None = None) -> Scene:
+    """Return the scene with everything decided: as it is, or, with the tier ``auto``, as planned. The plan is logged.
+
+    Raises:
+        PlanError: nothing that was measured fits what the scene forces.
+        ConfigError: the measured table cannot be read.
+    """
+    if scene.config.tier != AUTO:
+        return scene
+    made = plan(scene, finger_length_m, load_fidelity_table(), forced=forced_by(scene), tick_s=tick_s)
+    logging.getLogger(__name__).info("scene %s is computed so:\n%s", scene.name, made)
+    decided = at_fidelity(scene, made.fidelity)
+    return dataclasses.replace(decided, config=dataclasses.replace(decided.config, air_modes=made.air_modes))
+
+
+def at_fidelity(scene: Scene, fidelity: Fidelity) -> Scene:
+    """Return the scene, to be computed so."""
+    config = dataclasses.replace(
+        scene.config,
+        tier=fidelity.tier,
+        modes=fidelity.modes if fidelity.tier == "rod" else None,
+        sub_step_s=fidelity.step_s,
+        pneumatics=fidelity.pneumatics,
+    )
+    return dataclasses.replace(scene, config=config)
+
+
+def _air_modes(scene: Scene, chosen: Fidelity, table: FidelityTable, allowed: Tolerance) -> int | None:
+    """Return fewer modes that do while an object is out of reach; none if they would not cost less, or no object."""
+    if scene.object is None or chosen.tier != "rod":
+        return None
+    same = Forced(step_s=chosen.step_s, pneumatics=chosen.pneumatics)
+    found = _candidates(table, AIR_CASES, allowed, same, None)
+    best = _best(found)
+    dearest = max(found[each].cpu_ms_per_s for each in found if each.tier == "rod" and each.modes == chosen.modes)
+    return best.modes if dearest > SAME_COST * found[best].cpu_ms_per_s else None
+
+
+def _candidates(
+    table: FidelityTable, cases: tuple[str, ...], allowed: Tolerance, forced: Forced, tick_s: float | None
+) -> dict[Fidelity, Expected]:
+    """Return what is expected of every fidelity that was measured in all cases and fits what is forced."""
+    measured = {(row.scene, row.fidelity): row for row in table.rows}
+    everywhere = {row.fidelity for row in table.rows if all((case, row.fidelity) in measured for case in cases)}
+    fitting = _fitting(everywhere, forced, tick_s)
+    if not fitting:
+        given = ", ".join(f"{part} {_short(getattr(forced, part))}" for part in _PARTS if getattr(forced, part))
+        there = "; ".join(f"{part} {', '.join(map(_short, _values(everywhere, part)))}" for part in _PARTS)
+        raise PlanError(
+            f"nothing measured on {', '.join(cases)} fits {given or f'a tick of {tick_s} s'}; measured there: {there}"
+        )
+    found = {}
+    for each in sorted(fitting):
+        costing = [measured[case, each] for case in cases]
+        judged = each if forced.pneumatics is None else dataclasses.replace(each, pneumatics=REFERENCE_PNEUMATICS)
+        judging = [measured.get((case, judged), row) for case, row in zip(cases, costing, strict=True)]
+        found[each] = _expected(judging, costing, table, allowed)
+    return found
+
+
+def _fitting(everywhere: Iterable[Fidelity], forced: Forced, tick_s: float | None) -> list[Fidelity]:
+    step_s = forced.step_s and min((each.step_s for each in everywhere if each.step_s >= forced.step_s), default=-1.0)
+    wanted = {"tier": forced.tier, "modes": forced.modes, "step_s": step_s, "pneumatics": forced.pneumatics}
+    return [
+        each
+        for each in everywhere
+        if all(value is None or getattr(each, part) == value for part, value in wanted.items())
+        and (forced.step_s is not None or _goes_into(each.step_s, tick_s))
+    ]
+
+
+def _values(fidelities: Iterable[Fidelity], part: str) -> list[object]:
+    return sorted({getattr(each, part) for each in fidelities})
+
+
+def _short(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _goes_into(step_s: float, tick_s: float | None) -> bool:
+    if tick_s is None:
+        return True
+    count = round(tick_s / step_s)
+    return count >= 1 and abs(count * step_s - tick_s) < 1e-6 * step_s
+
+
+def _expected(judging: list[Measured], costing: list[Measured], table: FidelityTable, allowed: Tolerance) -> Expected:
+    def worst(error: Callable[[Measured], float | None], known: str) -> float:
+        return max(max(error(row) or 0.0, table.reference.get(row.scene, {}).get(known, 0.0)) for row in judging)
+
+    static = worst(lambda row: row.static_error_pct, "static_pct")
+    transient = worst(lambda row: row.transient_error_pct, "transient_pct")
+    force = worst(lambda row: row.contact_force_error_pct, "contact_force_pct")
+    return Expected(
+        static_pct=static,
+        transient_pct=transient,
+        contact_force_pct=force,
+        cpu_ms_per_s=sum(row.cpu_ms_per_s for row in costing) / len(costing),
+        excess=max(static / allowed.static_pct, transient / allowed.transient_pct, force / allowed.contact_force_pct),
+    )
+
+
+def _best(candidates: dict[Fidelity, Expected]) -> Fidelity:
+    """Return the cheapest within the tolerance, of those that cost about the same the nearest; else the nearest."""
+    within = {each: expected for each, expected in candidates.items() if expected.excess <= 1.0}
+    if within:
+        limit = SAME_COST * min(expected.cpu_ms_per_s for expected in within.values())
+        candidates = {each: expected for each, expected in within.items() if expected.cpu_ms_per_s <= limit}
+    return min(candidates, key=lambda each: candidates[each].excess)
+
+
+def _reason(part: str, chosen: Fidelity, candidates: dict[Fidelity, Expected], forced: object) -> tuple[str, ...]:
+    """Say what else there was for one part, the others being free, and what the best of it would give."""
+    if forced is not None:
+        return ("forced",)
+    others = [value for value in _values(candidates, part) if value != getattr(chosen, part)]
+    if not others:
+        return ("nothing else was measured with the rest",)
+    told = []
+    for value in others:
+        rivals = {each: expected for each, expected in candidates.items() if getattr(each, part) == value}
+        expected = rivals[_best(rivals)]
+        name = f"{1e3 * value:g} ms" if part == "step_s" else str(value)
+        told.append(f"not {name}: {expected}{', too far off' if expected.excess > 1.0 else ''}")
+    return tuple(told)
+
+
+def _figure(value: float) -> str:
+    return f"{value:.2g}" if value < 10.0 else f"{value:.0f}"

@@ -1,0 +1,143 @@
+"""Tier ``rod`` with fewer modes, and without the object, while nothing is within the muscles' reach.
+
+Before each step in the air the gap between muscles and object is set beside how far the muscles may come within it.
+Stepping up adds modes that start at zero, which moves nothing but what the number of points along a rod changes.
+Stepping down drops modes; ten times a second it is tried, and done if no tip moves by more than what is allowed and the
+object is at rest, where it then stays. Every change is logged.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mbpam_ros.plant.moving import RodTier
+from mbpam_ros.plant.tiers import Actuation, Array, RigidBody, Tier, TierSetup, TierState
+
+LEAST_GAP_M = 0.004
+"""Nearer than this counts as within reach: points of a centre line are 10 mm apart."""
+
+_STEP_DOWN_GAP = 1.5
+"""Over the gap at which it steps up, so that it does not step back and forth."""
+
+_FASTEST_M_S = 5.0
+"""Muscles in the air stay far below it: until they could have come within reach, nothing need be looked at."""
+
+_REST_M_S, _REST_RAD_S = 1e-3, 1e-2
+_LOOK_DOWN_EVERY_S = 0.1
+
+_log = logging.getLogger(__name__)
+
+
+class SteppingTier(Tier):
+    """Two tiers ``rod`` of which one moves the muscles: that of the air, or that of contact.
+
+    Raises:
+        TierError: a number of modes that cannot be.
+    """
+
+    def __init__(self, setup: TierSetup) -> None:
+        self._setup = setup
+        self._air = RodTier(dataclasses.replace(setup, body=None, modes=setup.air_modes))
+        self._contact = RodTier(setup)
+        self.reset()
+
+    @property
+    def in_contact_tier(self) -> bool:
+        """Whether the tier of contact moves the muscles."""
+        return self._active is self._contact
+
+    def reset(self) -> None:  # noqa: D102
+        self._air.reset()
+        self._contact.reset()
+        self._active = self._contact
+        self._time_s = self._look_s = 0.0
+        self._turn, self._centre_m = self._object_place()
+
+    def step(  # noqa: D102
+        self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array
+    ) -> None:
+        duration_s = (len(hand_height_m) - 1) * self._setup.sub_step_s
+        if self._time_s >= self._look_s:
+            look = self._look_down if self.in_contact_tier else self._look_up
+            look(duration_s, hand_height_m, hand_velocity_m_s)
+        self._active.step(before, after, hand_height_m, hand_velocity_m_s)
+        self._time_s += duration_s
+
+    def state(self) -> TierState:  # noqa: D102
+        if self.in_contact_tier:
+            return self._contact.state()
+        still, moving = self._contact.state(), self._air.state()
+        return dataclasses.replace(
+            still, bend_rad=moving.bend_rad, bend_rate_rad_s=moving.bend_rate_rad_s, centreline_m=moving.centreline_m
+        )
+
+    def _look_up(self, duration_s: float, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        lines = self._air.centreline_m()
+        gap_m = self._gap_m(lines, hand_height_m[0])
+        if gap_m < self._reach_m(duration_s, hand_velocity_m_s):
+            self._change(self._contact, gap_m, lines)
+        self._look_s = self._time_s + max(gap_m - LEAST_GAP_M, 0.0) / _FASTEST_M_S - duration_s
+
+    def _look_down(self, duration_s: float, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        if self._object_rests():
+            self._turn, self._centre_m = self._object_place()
+            lines = self._contact.centreline_m()
+            gap_m = self._gap_m(lines, hand_height_m[0])
+            if gap_m > _STEP_DOWN_GAP * self._reach_m(duration_s, hand_velocity_m_s):
+                self._change(self._air, gap_m, lines)
+        # The first step is what shows whether the object rests; in the air the next one is looked at.
+        waits = self.in_contact_tier and self._time_s > 0.0
+        self._look_s = self._time_s + (_LOOK_DOWN_EVERY_S if waits else 0.0)
+
+    def _reach_m(self, duration_s: float, hand_velocity_m_s: Array) -> float:
+        """How near the object may be for the muscles not to touch it within the step, even at twice their speed."""
+        speed_m_s = self._setup.geometry.length_m * self._active.largest_rate_rad_s() + np.abs(hand_velocity_m_s).max()
+        return LEAST_GAP_M + 2.0 * speed_m_s * duration_s
+
+    def _change(self, tier: RodTier, gap_m: float, lines: Array) -> None:
+        """Go on with ``tier``, unless the tips would jump by more than what is allowed."""
+        tier.take_over(self._active)
+        jump_m = float(np.linalg.norm(tier.centreline_m()[:, -1] - lines[:, -1], axis=1).max())
+        up = tier is self._contact
+        if not up and jump_m > self._setup.largest_jump_m:
+            return
+        _log.info(
+            "at %.3f s, the object %.1f mm from the nearest finger: %s to %d modes a plane; the tips moved by %.4f mm",
+            self._time_s, 1e3 * gap_m, "up" if up else "down", tier.modes, 1e3 * jump_m,
+        )  # fmt: skip
+        self._active = tier
+
+    def _object_rests(self) -> bool:
+        seen = self._contact.state()
+        weight_n = self._setup.body.mass_kg * self._setup.gravity_m_s2
+        return bool(
+            np.linalg.norm(seen.body.velocity_m_s) < _REST_M_S
+            and np.linalg.norm(seen.body.angular_velocity_rad_s) < _REST_RAD_S
+            and abs(seen.support_force_n[2] + weight_n) < 0.01 * weight_n
+        )
+
+    def _object_place(self) -> tuple[Array, Array]:
+        """Axes, in columns, and centre of the object in the world, shapes (3, 3) and (3,)."""
+        body = self._contact.body_state()
+        return Rotation.from_quat(body.orientation_xyzw).as_matrix(), body.position_m
+
+    def _gap_m(self, lines_m: Array, hand_height_m: float) -> float:
+        """Smallest distance of the muscles' surface from the object's; not right where they overlap, but negative."""
+        centre = self._centre_m + (0.0, 0.0, hand_height_m)  # in gripper_base
+        points = (lines_m.reshape(-1, 3) - centre) @ self._turn
+        return float(outside_distance_m(self._setup.body, points).min()) - self._setup.geometry.outer_radius_m
+
+
+def outside_distance_m(body: RigidBody, points_m: Array) -> Array:
+    """Return the distances (n,) of points (n, 3) in the body's frame from its surface; 0 inside."""
+    half = 0.5 * np.array(body.size_m)
+    if body.shape == "sphere":
+        return np.maximum(np.linalg.norm(points_m, axis=1) - half[0], 0.0)
+    if body.shape == "cylinder":
+        aside = np.hypot(points_m[:, 0], points_m[:, 1]) - half[0]
+        return np.hypot(np.maximum(aside, 0.0), np.maximum(np.abs(points_m[:, 2]) - half[2], 0.0))
+    return np.linalg.norm(np.maximum(np.abs(points_m) - half, 0.0), axis=1)

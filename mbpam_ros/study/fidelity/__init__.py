@@ -1,0 +1,1 @@
+"""What accuracy costs: tiers, modes, steps and pneumatic models run over cases and set beside a converged reference."""

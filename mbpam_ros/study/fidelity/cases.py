@@ -1,0 +1,92 @@
+"""The cases of the trade: a scene, the pressures asked for over time, and when errors are read.
+
+Each is driven as the system drives its plant, by valve commands at 100 Hz that follow set-points. So it shows what the
+pneumatic model does to the pressures, and what these do to the bend.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.grasp.modes import load_modes
+from mbpam_ros.plant.scene import Scene, load_scene
+
+Array = NDArray[np.float64]
+
+FULL_PA = 100e3
+_RAMP = ((0.0, 0.0), (0.5, 1.0))
+_FREE_REST_S, _CLOSED_S, _LIFTED_S = 1.8, 1.5, 3.1
+_UNEQUAL_SHARES = ((1.0, 0.5, 0.0, 0.0), (1.0, 0.5, 0.5, 0.0), (0.75, 1.0, 0.25, 0.0), (0.9, 0.0, 0.3, 0.6))
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is run.
+
+    Args:
+        name: as in the table.
+        scene: what is there; how it is computed is not its business here.
+        setpoint_gauge_pa: pressures at a share of one, shape (16,).
+        shares: (time [s], share) of the set-points, straight lines between.
+        rest_s: instants at which all is at rest.
+        moving_s: first and last instant of the motion.
+        lift_s: when the hand starts to rise; none for never.
+    """
+
+    name: str
+    scene: Scene
+    setpoint_gauge_pa: Array
+    shares: tuple[tuple[float, float], ...]
+    rest_s: tuple[float, ...]
+    moving_s: tuple[float, float]
+    lift_s: float | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """How long it is run."""
+        return max(self.rest_s)
+
+    def wanted_gauge_pa(self, time_s: float) -> Array:
+        """Return the set-points (16,) at a time."""
+        return self.setpoint_gauge_pa * np.interp(time_s, *zip(*self.shares, strict=True))
+
+
+def _closing(mode: str, full_pa: float = FULL_PA) -> Array:
+    return load_modes()[mode].setpoints(full_pa)
+
+
+def _free(name: str, setpoint_pa: Array) -> Case:
+    return Case(name, load_scene("empty"), setpoint_pa, _RAMP, (_FREE_REST_S,), (0.0, _FREE_REST_S))
+
+
+def _grasp(name: str, scene_name: str, full_pa: float = FULL_PA) -> Case:
+    """Close upon an object, and lift it: what a step does to friction shows only under its weight."""
+    scene = load_scene(scene_name)
+    setpoints = _closing(scene.object.expected_mode, full_pa)
+    return Case(name, scene, setpoints, _RAMP, (_CLOSED_S, _LIFTED_S), (0.0, _LIFTED_S), lift_s=_CLOSED_S)
+
+
+def all_cases() -> tuple[Case, ...]:
+    """Return all cases.
+
+    ``free_bend``: two fingers under two chambers, two under one, to 100 kPa within 0.5 s. ``unequal_pressures``: four
+    different sets. ``fast_release``: valves fully open from 100 kPa. ``sphere``, ``slender_rod`` and ``box``: bulb,
+    tube and carton closed upon and lifted as the paper did, at 100 kPa. ``lift``: the bulb at 80 kPa, where the tips
+    hold it by friction alone.
+
+    Raises:
+        ConfigError: a scene or the modes cannot be read.
+    """
+    release = (*_RAMP, (1.5, 1.0), (1.51, 0.0))
+    return (
+        _free("free_bend", _closing("short_rod")),
+        _free("unequal_pressures", FULL_PA * np.ravel(_UNEQUAL_SHARES)),
+        Case("fast_release", load_scene("empty"), _closing("short_rod"), release, (1.5, 3.0), (1.5, 3.0)),
+        _grasp("sphere", "bulb"),
+        _grasp("slender_rod", "tube"),
+        _grasp("box", "carton"),
+        _grasp("lift", "bulb", 80e3),
+    )

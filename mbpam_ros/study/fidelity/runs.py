@@ -1,0 +1,101 @@
+"""Run a case at one fidelity: what was seen at every tick, and the CPU time of the plant's steps.
+
+The valves' commands come from a proportional law, 100 times a second, and are held between; the reference takes many
+calls of the plant within each hold, so that its pressures do not run straight from tick to tick.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.gripper import Gripper
+from mbpam_ros.plant.fidelity import Fidelity
+from mbpam_ros.plant.planner import at_fidelity
+from mbpam_ros.plant.plant import Observation, Plant, build_plant
+from mbpam_ros.study.fidelity.cases import Case
+
+Array = NDArray[np.float64]
+
+TICK_S = 0.01
+_FULL_OPENING_PA = 2e4
+"""Pressure error from which on a valve is fully open."""
+
+REFERENCE = Fidelity("rod", 6, 1e-4, "iso6358")
+_REFERENCE_CALLS_PER_TICK = 20
+
+
+@dataclass(frozen=True)
+class Record:
+    """What was seen at the start and after every tick, n instants.
+
+    Args:
+        time_s: shape (n,).
+        tip_m: of the fingers in ``gripper_base``, shape (n, 4, 3).
+        pressure_gauge_pa: shape (n, 16).
+        finger_force_n: on the object, shape (n, 4, 3).
+        object_m: centre of the object in ``gripper_base``, shape (n, 3); none without one.
+        cpu_ms_per_s: process time of the plant's steps for one simulated second.
+    """
+
+    time_s: Array
+    tip_m: Array
+    pressure_gauge_pa: Array
+    finger_force_n: Array
+    object_m: Array | None
+    cpu_ms_per_s: float
+
+
+def run(case: Case, fidelity: Fidelity, gripper: Gripper, calls_per_tick: int = 1) -> Record:
+    """Run a case.
+
+    Args:
+        calls_per_tick: calls of the plant within each hold of the valves' commands.
+
+    Raises:
+        TierError: the tier cannot compute what the scene holds.
+        PlantDivergedError: the step is too large for this tier here.
+    """
+    plant = build_plant(at_fidelity(case.scene, fidelity), gripper)
+    seen = [plant.observe()]
+    cpu_s = sum(_ticks(case, plant, seen, calls_per_tick))
+    return Record(
+        time_s=np.array([each.time_s for each in seen]),
+        tip_m=np.stack([each.centreline_m[:, -1] for each in seen]),
+        pressure_gauge_pa=np.stack([each.pressure_gauge_pa for each in seen]),
+        finger_force_n=np.stack([each.finger_force_n for each in seen]),
+        object_m=None if case.scene.object is None else np.stack([each.object_in_gripper.position_m for each in seen]),
+        cpu_ms_per_s=1e3 * cpu_s / case.duration_s,
+    )
+
+
+def run_reference(case: Case, gripper: Gripper) -> Record:
+    """Run the converged reference of a case."""
+    return run(case, REFERENCE, gripper, _REFERENCE_CALLS_PER_TICK)
+
+
+def run_coarser_reference(case: Case, gripper: Gripper) -> Record:
+    """Run a case with one mode less and steps twice as long; the change says how far the reference is converged."""
+    coarser = dataclasses.replace(REFERENCE, modes=REFERENCE.modes - 1, step_s=2.0 * REFERENCE.step_s)
+    return run(case, coarser, gripper, _REFERENCE_CALLS_PER_TICK // 2)
+
+
+def _ticks(case: Case, plant: Plant, seen: list[Observation], calls: int) -> Iterator[float]:
+    """Advance tick by tick; append what is seen, and give the CPU time [s] of each."""
+    lifted = case.lift_s is None
+    for tick in range(round(case.duration_s / TICK_S)):
+        now_s = tick * TICK_S
+        if not lifted and now_s >= case.lift_s - 1e-9:
+            lifted = plant.lift().accepted
+        missing = case.wanted_gauge_pa(now_s) - seen[-1].pressure_gauge_pa
+        spool = np.clip(missing / _FULL_OPENING_PA, -1.0, 1.0)
+        begun_s = time.process_time()
+        for _ in range(calls):
+            plant.step(spool, TICK_S / calls)
+        yield time.process_time() - begun_s
+        seen.append(plant.observe())

@@ -1,0 +1,220 @@
+"""The planner on a table whose numbers are plain to see, and a plant that is built from a plan."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import yaml
+
+from mbpam_ros.configuration import ConfigError, load_yaml
+from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.fidelity import Fidelity, FidelityTable, Measured, Tolerance, load_fidelity_table
+from mbpam_ros.plant.planner import (
+    AIR_CASES,
+    GRASP_CASES,
+    Forced,
+    PlanError,
+    cases_of,
+    forced_by,
+    plan,
+    planned_scene,
+)
+from mbpam_ros.plant.plant import build_plant
+from mbpam_ros.plant.scene import load_scene, scene_names
+
+LENGTH_M = load_gripper().geometry.length_m
+EMPTY, BULB = load_scene("empty"), load_scene("bulb")
+
+# tier, modes, step, pneumatics: static, transient, force, cost
+AIR = {
+    ("static", 1, 0.01, "lag"): (3.0, 9.0, None, 40.0),
+    ("arc", 1, 0.002, "lag"): (3.0, 8.0, None, 20.0),
+    ("arc", 1, 0.002, "iso6358"): (3.0, 3.0, None, 30.0),
+    ("rod", 2, 0.002, "lag"): (0.1, 7.0, None, 21.0),
+    ("rod", 2, 0.002, "iso6358"): (0.1, 0.2, None, 31.0),
+    ("rod", 2, 0.010, "iso6358"): (0.1, 0.9, None, 29.9),
+    ("rod", 3, 0.002, "iso6358"): (0.05, 0.1, None, 60.0),
+}
+GRASP = {
+    ("arc", 1, 0.002, "iso6358"): (9.0, 9.0, 30.0, 30.0),
+    ("rod", 2, 0.002, "lag"): (0.5, 6.0, 2.0, 35.0),
+    ("rod", 2, 0.002, "iso6358"): (0.5, 0.6, 2.0, 50.0),
+    ("rod", 2, 0.010, "iso6358"): (80.0, 80.0, 50.0, 40.0),
+    ("rod", 3, 0.002, "iso6358"): (0.2, 0.3, 1.0, 80.0),
+}
+
+
+def table(reference=None):
+    rows = []
+    grasps = [case for cases in GRASP_CASES.values() for case in cases]
+    for cases, numbers in ((AIR_CASES, AIR), (grasps, GRASP)):
+        for case in cases:
+            for how, (static, transient, force, cost) in numbers.items():
+                rows.append(Measured(case, *how, static, transient, 0.0, cost, force))
+    return FidelityTable(tuple(rows), reference or {}, {}, {})
+
+
+def planned(scene, static=5.0, transient=None, force=None, reference=None, tick_s=None, **forced):
+    allowed = Tolerance(static, transient or static, force or 2.0 * static)
+    return plan(scene, LENGTH_M, table(reference), allowed, Forced(**forced), tick_s)
+
+
+@pytest.mark.parametrize(
+    ("scene", "tolerance", "chosen"),
+    [
+        (EMPTY, {"static": 1.0, "transient": 20.0}, Fidelity("rod", 2, 0.002, "lag")),
+        (EMPTY, {"static": 1.0}, Fidelity("rod", 2, 0.002, "iso6358")),
+        (EMPTY, {"static": 0.1, "transient": 0.15}, Fidelity("rod", 3, 0.002, "iso6358")),
+        (BULB, {"static": 7.0}, Fidelity("rod", 2, 0.002, "lag")),
+        (BULB, {"static": 1.0}, Fidelity("rod", 2, 0.002, "iso6358")),
+        (BULB, {"static": 1.0, "force": 1.5}, Fidelity("rod", 3, 0.002, "iso6358")),
+    ],
+)
+def test_the_cheapest_fidelity_within_the_tolerance_is_chosen(scene, tolerance, chosen):
+    found = planned(scene, **tolerance)
+    assert found.fidelity == chosen
+    assert found.within_tolerance
+
+
+def test_of_those_that_cost_about_the_same_the_nearest_is_chosen():
+    cheapest = planned(EMPTY, 1.0, step_s=0.010)
+    found = planned(EMPTY, 1.0)
+    assert found.expected.cpu_ms_per_s > cheapest.expected.cpu_ms_per_s
+    assert found.expected.transient_pct < cheapest.expected.transient_pct
+
+
+def test_where_nothing_is_within_the_tolerance_the_nearest_is_chosen_and_said_to_be_outside():
+    found = planned(BULB, 0.01)
+    assert found.fidelity == Fidelity("rod", 3, 0.002, "iso6358")
+    assert not found.within_tolerance
+    assert "OUTSIDE" in str(found)
+
+
+def test_an_error_is_never_taken_to_be_smaller_than_the_reference_is_known():
+    found = planned(BULB, 1.0, reference={"lift": {"static_pct": 3.0}})
+    assert found.expected.static_pct == 3.0
+    assert not found.within_tolerance
+
+
+@pytest.mark.parametrize(
+    "forced", [{"tier": "arc"}, {"modes": 3}, {"step_s": 0.010}, {"pneumatics": "lag"}, {"tier": "static"}]
+)
+def test_each_part_can_be_forced(forced):
+    found = planned(EMPTY, 1.0, **forced)
+    for part, value in forced.items():
+        assert getattr(found.fidelity, part) == value
+        assert found.reasons[part] == ("forced",)
+
+
+def test_forced_pneumatics_are_taken_for_the_real_ones():
+    found = planned(EMPTY, 1.0, pneumatics="lag")
+    assert found.fidelity == Fidelity("rod", 2, 0.002, "lag")
+    assert found.expected.transient_pct == AIR["rod", 2, 0.002, "iso6358"][1]
+    assert found.expected.cpu_ms_per_s == AIR["rod", 2, 0.002, "lag"][3]
+
+
+def test_a_forced_step_that_was_not_measured_counts_as_the_next_longer_one():
+    found = planned(BULB, 1.0, step_s=0.003)
+    assert found.fidelity.step_s == 0.003
+    assert found.expected.static_pct == GRASP["rod", 2, 0.010, "iso6358"][0] or found.fidelity.tier == "arc"
+    with pytest.raises(PlanError, match=r"step_s 0\.02.*measured there.*0\.002, 0\.01"):
+        planned(BULB, 1.0, step_s=0.02)
+
+
+def test_a_tier_that_cannot_move_an_object_is_refused_with_those_that_can():
+    with pytest.raises(PlanError, match=r"tier static.*tier arc, rod"):
+        planned(BULB, 1.0, tier="static")
+
+
+def test_steps_go_into_the_tick():
+    assert planned(EMPTY, 1.0, tick_s=0.004).fidelity.step_s == 0.002
+    with pytest.raises(PlanError, match="tick of 0.003"):
+        planned(BULB, 1.0, tick_s=0.003)
+
+
+def test_contact_and_camera_are_there_only_with_an_object():
+    for scene, there in ((EMPTY, False), (BULB, True)):
+        found = planned(scene)
+        assert (found.contact, found.camera) == (there, there)
+    assert planned(EMPTY, camera=True).camera
+
+
+def test_an_object_out_of_reach_takes_as_many_modes_as_the_air():
+    assert planned(BULB, 1.0, modes=3).air_modes == 2
+    assert planned(BULB, 1.0).air_modes is None  # two in contact as well
+    assert planned(EMPTY, 1.0).air_modes is None
+
+
+def test_the_plan_says_for_each_part_what_else_there_was():
+    text = str(planned(EMPTY, 1.0))
+    for part in (
+        "pneumatics",
+        "tier",
+        "modes",
+        "air_modes",
+        "step_s",
+        "contact",
+        "camera",
+        "moving_fingers",
+        "expected",
+    ):
+        assert any(line.startswith(part) for line in text.splitlines())
+    assert "not arc: 3 % at rest, 3 % in motion, 30 ms/s, too far off" in text
+    assert "not 3: 0.05 % at rest, 0.1 % in motion, 60 ms/s\n" in text
+    assert "within the tolerance" in text
+
+
+# The shipped table and scene files
+
+
+def test_every_shipped_scene_has_a_plan_from_the_shipped_table():
+    for name in scene_names():
+        scene = load_scene(name)
+        found = plan(scene, LENGTH_M, load_fidelity_table())
+        measured = {row.fidelity for row in load_fidelity_table().rows if row.scene in cases_of(scene, LENGTH_M)}
+        assert found.fidelity in measured
+
+
+def test_the_shipped_reference_is_that_of_the_boundary_value_problem():
+    reference = load_fidelity_table().reference
+    for case in AIR_CASES:
+        assert reference[case]["boundary_value_pct"] < 0.01
+
+
+def changed(tmp_path, **values):
+    path = tmp_path / "changed.yaml"
+    path.write_text(yaml.safe_dump(load_yaml("scenes/empty.yaml") | values))
+    return load_scene(path)
+
+
+def test_a_scene_with_tier_auto_is_built_as_planned(tmp_path):
+    scene = changed(tmp_path, tier="auto", sub_step_s=None, tolerance={"static_pct": 1.0, "transient_pct": 1.0})
+    decided = planned_scene(scene, LENGTH_M)
+    assert decided.config.tier == "rod"
+    assert decided.config.pneumatics == "iso6358"
+    plants = [build_plant(each, load_gripper()) for each in (scene, decided)]
+    for plant in plants:
+        plant.step(np.ones(16), 0.02)
+    np.testing.assert_array_equal(*(plant.observe().centreline_m for plant in plants))
+
+
+def test_what_a_scene_with_tier_auto_gives_itself_is_forced(tmp_path):
+    scene = changed(tmp_path, tier="auto", sub_step_s=0.001, pneumatics="ideal", modes=4)
+    assert forced_by(scene) == Forced(None, 4, 0.001, "ideal")
+    config = planned_scene(scene, LENGTH_M).config
+    assert (config.tier, config.modes, config.sub_step_s, config.pneumatics) == ("rod", 4, 0.001, "ideal")
+
+
+def test_a_scene_with_another_tier_is_left_as_it_is():
+    assert planned_scene(BULB, LENGTH_M) is BULB
+
+
+def test_only_tier_auto_may_leave_the_step_open(tmp_path):
+    with pytest.raises(ConfigError, match="only tier auto chooses one"):
+        changed(tmp_path, sub_step_s=None)
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(Tolerance)])
+def test_a_tolerance_of_nothing_is_refused(name):
+    with pytest.raises(ValueError, match=name):
+        Tolerance(**{name: 0.0})

@@ -1,0 +1,191 @@
+"""The trade: its norms on made-up runs, its reference against closed forms, and the command on a short case."""
+
+import dataclasses
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.fidelity import Fidelity, Tolerance, load_fidelity_table
+from mbpam_ros.plant.planner import Forced
+from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.study.fidelity import fidelity_trade
+from mbpam_ros.study.fidelity.absent_costs import imported_parts
+from mbpam_ros.study.fidelity.boundary_value import boundary_value_error_pct, hanging_tip_m
+from mbpam_ros.study.fidelity.cases import Case, all_cases
+from mbpam_ros.study.fidelity.errors import errors
+from mbpam_ros.study.fidelity.picture import pareto_front
+from mbpam_ros.study.fidelity.plan import plan_text
+from mbpam_ros.study.fidelity.runs import Record, run
+from mbpam_ros.study.fidelity.trade import can_run, fidelities
+
+GRIPPER = load_gripper()
+GEOMETRY = GRIPPER.geometry
+AIR = Case(
+    "free_bend", load_scene("empty"), np.tile([40e3, 0.0, 0.0, 0.0], 4), ((0.0, 0.0), (0.05, 1.0)), (0.1,), (0.0, 0.1)
+)
+GRASP = dataclasses.replace(AIR, name="sphere", scene=load_scene("bulb"), rest_s=(0.0, 0.1), moving_s=(0.05, 0.1))
+WEIGHT_N = GRASP.scene.object.mass_kg * 9.81
+
+
+def record(case, instants=11):
+    body = None if case.scene.object is None else np.zeros((instants, 3))
+    time = 0.01 * np.arange(instants)
+    return Record(time, np.zeros((instants, 4, 3)), np.zeros((instants, 16)), np.zeros((instants, 4, 3)), body, 1.0)
+
+
+def test_a_run_beside_itself_is_without_error():
+    off = errors(GRASP, record(GRASP), record(GRASP), 0.1)
+    assert (off.static_pct, off.transient_pct, off.pressure_pct, off.contact_force_pct) == (0.0, 0.0, 0.0, 0.0)
+    assert errors(AIR, record(AIR), record(AIR), 0.1).contact_force_pct is None
+
+
+def test_errors_at_rest_and_in_motion_are_the_largest_distance_over_the_active_length():
+    found = record(GRASP)
+    found.tip_m[10, 2] = (0.0, 0.003, 0.004)  # at rest and in motion
+    found.tip_m[7, 1] = (0.010, 0.0, 0.0)  # in motion only
+    found.tip_m[3, 0] = (0.050, 0.0, 0.0)  # before the motion
+    off = errors(GRASP, found, record(GRASP), 0.1)
+    assert off.static_pct == pytest.approx(5.0)
+    assert off.transient_pct == pytest.approx(10.0)
+
+
+def test_a_lost_object_is_an_error_of_position():
+    found = record(GRASP)
+    found.object_m[10] = (0.0, 0.0, 0.1)
+    assert errors(GRASP, found, record(GRASP), 0.1).static_pct == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(("largest_n", "scale_n"), [(2.0, 2.0), (0.1, WEIGHT_N)])
+def test_force_errors_are_vectors_over_the_larger_of_the_largest_force_and_the_weight(largest_n, scale_n):
+    reference, found = record(GRASP), record(GRASP)
+    reference.finger_force_n[10, 0] = (largest_n, 0.0, 0.0)
+    found.finger_force_n[10, 0] = (largest_n, 0.03, 0.04)
+    assert errors(GRASP, found, reference, 0.1).contact_force_pct == pytest.approx(5.0 / scale_n)
+
+
+def test_pressure_errors_are_over_100_kpa():
+    found = record(AIR)
+    found.pressure_gauge_pa[5, 3] = -7e3
+    assert errors(AIR, found, record(AIR), 0.1).pressure_pct == pytest.approx(7.0)
+
+
+def test_the_boundary_value_problem_returns_a_weightless_muscles_circle_and_a_hanging_ones_straight_line():
+    light = dataclasses.replace(GEOMETRY, mass_per_length_kg_m=1e-12)
+    angle, radius = 1.5, GEOMETRY.active_length_m / 1.5
+    tip = hanging_tip_m(np.array([0.0, -1.5e-3 * 15.0]), 1.5e-3, light)
+    across = radius * (1.0 - np.cos(angle)) + GEOMETRY.end_length_m * np.sin(angle)
+    down = GEOMETRY.end_length_m * (1.0 + np.cos(angle)) + radius * np.sin(angle)
+    np.testing.assert_allclose(tip, [0.0, -across, down], atol=1e-8)
+    np.testing.assert_allclose(hanging_tip_m(np.zeros(2), 1.5e-3, GEOMETRY), [0.0, 0.0, GEOMETRY.length_m], atol=1e-12)
+
+
+def test_a_resting_rod_is_at_the_boundary_value_problem_and_nearer_with_more_modes():
+    pressures = np.tile([80e3, 20e3, 0.0, 0.0], 4)
+    case = dataclasses.replace(AIR, setpoint_gauge_pa=pressures, rest_s=(1.2,))
+    off = [
+        boundary_value_error_pct(case, run(case, Fidelity("rod", m, 0.002, "lag"), GRIPPER), GRIPPER) for m in (2, 4)
+    ]
+    assert off[1] < 0.01 < 0.1 * 0.5
+    assert off[1] < 0.5 * off[0] < 0.1
+
+
+def test_the_cases_are_those_of_the_issue_and_each_ends_after_its_motion():
+    cases = {case.name: case for case in all_cases()}
+    assert list(cases) == [
+        "free_bend", "unequal_pressures", "fast_release", "sphere", "slender_rod", "box", "lift",
+    ]  # fmt: skip
+    for case in cases.values():
+        assert case.duration_s >= case.moving_s[1] > case.moving_s[0]
+        assert case.wanted_gauge_pa(0.5).max() in (80e3, 100e3)
+
+
+def test_the_fast_release_vents_from_full_pressure_until_the_muscles_hang_straight():
+    case = next(case for case in all_cases() if case.name == "fast_release")
+    seen = run(case, Fidelity("rod", 2, 0.01, "iso6358"), GRIPPER)
+    begun = round(case.moving_s[0] / 0.01)
+    assert seen.pressure_gauge_pa[begun].max() > 99e3
+    off = np.linalg.norm(seen.tip_m - GRIPPER.finger_base_m - (0.0, 0.0, GEOMETRY.length_m), axis=2).max(axis=1)
+    assert off[begun] > 0.1 and off[-1] < 0.001
+
+
+def test_only_the_front_is_on_the_front():
+    assert pareto_front([(3.0, 1.0), (1.0, 5.0), (2.0, 6.0), (2.0, 4.0), (4.0, 1.0)]) == [
+        (1.0, 5.0),
+        (2.0, 4.0),
+        (3.0, 1.0),
+    ]
+
+
+def test_a_tier_without_objects_is_not_run_with_one():
+    static = Fidelity("static", 1, 0.01, "lag")
+    assert can_run(AIR, static) and not can_run(GRASP, static)
+
+
+def test_the_shipped_table_has_every_case_at_every_fidelity():
+    measured = {(row.scene, row.fidelity) for row in load_fidelity_table().rows}
+    assert measured == {(case.name, each) for case in all_cases() for each in fidelities() if can_run(case, each)}
+
+
+@pytest.fixture
+def short_trade(monkeypatch, tmp_path):
+    grid = (Fidelity("arc", 1, 0.005, "lag"), Fidelity("rod", 2, 0.005, "iso6358"))
+    monkeypatch.setattr(fidelity_trade, "all_cases", lambda: (AIR, GRASP))
+    monkeypatch.setattr(fidelity_trade, "fidelities", lambda: grid)
+    monkeypatch.setattr(fidelity_trade, "quick_fidelities", lambda: grid)
+    monkeypatch.setattr(fidelity_trade, "QUICK_CASES", ("sphere",))
+    return tmp_path
+
+
+def test_the_command_writes_rows_picture_and_a_table_that_the_planner_reads(short_trade, capsys):
+    file, table = short_trade / "trade.json", short_trade / "table.json"
+    assert fidelity_trade.main(["--json", str(file), "--table", str(table)]) == 0
+    rows = json.loads(file.read_text())
+    asked = {
+        "scene",
+        "tier",
+        "modes",
+        "step_s",
+        "pneumatics",
+        "static_error_pct",
+        "transient_error_pct",
+        "cpu_ms_per_s",
+    }
+    assert len(rows) == 4 and all(asked <= set(row) for row in rows)
+    assert [("contact_force_error_pct" in row) for row in rows] == [False, False, True, True]
+    assert rows[1]["transient_error_pct"] < rows[0]["transient_error_pct"]
+    loaded = load_fidelity_table(table)
+    assert [row.cpu_ms_per_s for row in loaded.rows] == [row["cpu_ms_per_s"] for row in rows]
+    assert set(loaded.reference) == {"free_bend", "sphere"} and loaded.machine["processor"]
+    assert "[12/12]" in capsys.readouterr().out
+    pytest.importorskip("matplotlib")
+    assert cv2.imread(str(file.with_suffix(".png"))) is not None
+
+
+def test_a_quick_run_leaves_the_planners_table_alone(short_trade):
+    before = load_fidelity_table()
+    assert fidelity_trade.main(["--quick", "--json", str(short_trade / "quick.json")]) == 0
+    assert {row["scene"] for row in json.loads((short_trade / "quick.json").read_text())} == {"sphere"}
+    assert load_fidelity_table() == before
+
+
+def test_a_file_that_cannot_be_written_is_said_in_one_line(short_trade, capsys):
+    (short_trade / "file").write_text("")
+    assert fidelity_trade.main(["--quick", "--json", str(short_trade / "file" / "trade.json")]) == 1
+    assert capsys.readouterr().err.startswith("fidelity_trade: cannot write")
+
+
+def test_the_plan_is_printed_with_what_the_scene_file_says_beside_it():
+    text = plan_text(load_scene("bulb"), GEOMETRY.length_m, load_fidelity_table(), Tolerance(), Forced())
+    assert "scene bulb; allowed: 5 % at rest" in text
+    assert "as the file says (arc, 2 ms, lag taken for the real one)" in text
+
+
+def test_what_is_absent_from_a_scene_is_not_imported():
+    """Neither the compiler nor a model that the scene does not ask for."""
+    scene = load_scene("empty")
+    bare = dataclasses.replace(scene.config, tier="static", sub_step_s=0.01, pneumatics="ideal")
+    assert imported_parts(dataclasses.replace(scene, config=bare)) == ("static",)
+    assert imported_parts(scene) == ("numba", "rod")
