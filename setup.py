@@ -66,6 +66,7 @@ setup(
             *(f"{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
             f"calibrate_fe = {PACKAGE}.study.fe.calibrate_fe:main",
             *(f"{command} = {PACKAGE}.study.design.{command}:main" for command in DESIGN_STUDY),
+            f"grasp_study = {PACKAGE}.study.grasp.grasp_study:main",
         ]
     },
 )

@@ -25,8 +25,8 @@ from mbpam_ros.actuator.metamodel import METAMODELS, TRAINING_TABLE, VALIDATION_
 from mbpam_ros.actuator.tables import read_table
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.study.design.compromise import CompromiseError, Rule, knee, required_force, weighted
-from mbpam_ros.study.design.evaluations import Evaluations, OptimisationError
 from mbpam_ros.study.design.design_file import keep_design
+from mbpam_ros.study.design.evaluations import Evaluations, OptimisationError
 from mbpam_ros.study.design.improvement import Reference, gains, reference_design
 from mbpam_ros.study.design.mopso import mopso
 from mbpam_ros.study.design.nsga2 import nsga2
