@@ -25,10 +25,10 @@ from mbpam_ros.actuator.named_designs import INITIAL, load_design
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.scene import Scene, load_scene
-from mbpam_ros.plant.tiers import TierError
+from mbpam_ros.plant.tiers import PlantDivergedError, TierError
 from mbpam_ros.study.fe.progress import ProgressBar
 from mbpam_ros.study.grasp.least_pressure import LeastPressure, least_pressure
-from mbpam_ros.study.grasp.trial import Trial, run_trial, with_changes
+from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S, Trial, run_trial, with_changes
 from mbpam_ros.study.result_file import ResultFileError, write_json
 
 PAPER_SCENES = ("tomato", "bulb", "banana", "tube", "carton")
@@ -150,12 +150,26 @@ def result_text(rows: Sequence[GraspRow]) -> str:
     return "\n".join(lines)
 
 
+def result_json(rows: Sequence[GraspRow]) -> dict[str, object]:
+    """Return the results as plain values: ``settings``, and in ``grasps`` the fields of each row and ``held_by``."""
+    return {
+        "settings": {
+            "nominal_gauge_pa": NOMINAL_PA,
+            "slippery_friction": SLIPPERY,
+            "resolution_pa": RESOLUTION_PA,
+            "held_share_of_lift": HELD_SHARE,
+            "hold_s": HOLD_S,
+        },
+        "grasps": [{**asdict(row), "held_by": row.held_by} for row in rows],
+    }
+
+
 def _cells(row: GraspRow) -> tuple[str, ...]:
     at = row.at_nominal
     return (
         row.object,
         f"{1e3 * row.mass_kg:.0f}",
-        f"held, {row.papers_mode}",
+        f"held, {row.papers_mode}" if row.scene in PAPER_SCENES else "-",
         row.design,
         at.mode or "refused",
         "held" if at.held else "not held",
@@ -180,7 +194,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("grasp_study: interrupted", file=sys.stderr)
         return 130
-    except (ConfigError, DesignDomainError, TierError, ResultFileError) as error:
+    except (ConfigError, DesignDomainError, TierError, PlantDivergedError, ResultFileError) as error:
         print(f"grasp_study: {error}", file=sys.stderr)
         return 1
     return 0
@@ -202,7 +216,7 @@ def _run(options: argparse.Namespace) -> None:
     print(result_text(rows))
     print(f"{sum(row.trials for row in rows)} grasps in {time.monotonic() - started_s:.0f} s, tier {options.tier}")
     if options.json is not None:
-        write_json(options.json, {"grasps": [{**asdict(row), "held_by": row.held_by} for row in rows]})
+        write_json(options.json, result_json(rows))
 
 
 def _scene(name: str, tier: str) -> Scene:

@@ -23,7 +23,6 @@ STILL_M_S = 2e-3
 """What rests in the hand at the end moves more slowly."""
 
 _REST_S = 0.3
-_CLOSE_LIMIT_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -53,11 +52,12 @@ class Trial:
 
 def with_changes(scene: Scene, tier: str | None = None, friction_coefficient: float | None = None) -> Scene:
     """Return the scene in another tier or with another friction of fingers on the object; none leaves its own."""
-    changes = {"tier": tier, "friction_coefficient": friction_coefficient}
-    if tier not in (None, "rod"):
-        changes["modes"] = None
-    kept = {name: value for name, value in changes.items() if value is not None or name == "modes"}
-    return dataclasses.replace(scene, config=dataclasses.replace(scene.config, **kept))
+    config = scene.config
+    if tier is not None:
+        config = dataclasses.replace(config, tier=tier, modes=config.modes if tier == "rod" else None)
+    if friction_coefficient is not None:
+        config = dataclasses.replace(config, friction_coefficient=friction_coefficient)
+    return dataclasses.replace(scene, config=config)
 
 
 def run_trial(scene: Scene, gripper: Gripper, grip_pressure_gauge_pa: float) -> Trial:
@@ -66,44 +66,60 @@ def run_trial(scene: Scene, gripper: Gripper, grip_pressure_gauge_pa: float) -> 
     Raises:
         ConfigError: a file is wrong, the scene has no object, or the pressure is above the gripper's limit.
         TierError: no such tier, or it cannot compute what the scene holds.
+        PlantDivergedError: the object at rest already leaves what can be.
     """
     loop = ClosedLoop(scene, gripper, grip_pressure_gauge_pa)
-    start_m = touch_s = close_s = None
-    mode = note = ""
+    _run(loop, _REST_S)
+    start_m, course = loop.seen.object_in_world.position_m[2], _Course()
     try:
-        _run(loop, _REST_S)
-        start_m, asked_s = loop.seen.object_in_world.position_m[2], loop.seen.time_s
-        answer = loop.grasp()
-        if not answer.accepted:
-            note = answer.reason
-        else:
-            mode = loop.decision.mode
-            while loop.decision.phase is Phase.CLOSING and loop.seen.time_s - asked_s < _CLOSE_LIMIT_S:
-                loop.tick()
-                if touch_s is None and loop.seen.finger_force_n.any():
-                    touch_s = loop.seen.time_s - asked_s
-            if loop.decision.phase is Phase.HOLDING:
-                close_s = loop.seen.time_s - asked_s
-                loop.lift()
-                _run(loop, scene.config.lift.duration_s + HOLD_S)
-            else:
-                note = loop.decision.reason
+        _close(loop, course)
+        if course.close_s is not None:
+            loop.lift()
+            _run(loop, scene.config.lift.duration_s + HOLD_S)
     except PlantDivergedError as error:
-        note = str(error)
+        course.note = str(error)
     seen = loop.seen
-    rise_m = 0.0 if start_m is None else float(start_m - seen.object_in_world.position_m[2])
+    rise_m = float(start_m - seen.object_in_world.position_m[2])
+    up = course.close_s is not None and rise_m >= HELD_SHARE * scene.config.lift.height_m
     still = float(np.linalg.norm(seen.object_in_world.velocity_m_s)) < STILL_M_S
-    up = close_s is not None and rise_m >= HELD_SHARE * scene.config.lift.height_m
     return Trial(
-        mode=mode,
-        held=bool(up and still and not note),
+        mode=course.mode,
+        held=up and still and not course.note,
         rise_m=rise_m,
         hand_rise_m=seen.hand_lift_m,
-        touch_s=touch_s,
-        close_s=close_s,
+        touch_s=course.touch_s,
+        close_s=course.close_s,
         finger_force_n=float(np.linalg.norm(seen.finger_force_n, axis=1).sum()),
-        note=note,
+        note=course.note,
     )
+
+
+@dataclass
+class _Course:
+    """What has happened so far, as in :class:`Trial`."""
+
+    mode: str = ""
+    touch_s: float | None = None
+    close_s: float | None = None
+    note: str = ""
+
+
+def _close(loop: ClosedLoop, course: _Course) -> None:
+    """Ask for a grasp and follow it until the arbiter has closed, refused or given up."""
+    asked_s = loop.seen.time_s
+    answer = loop.grasp()
+    if not answer.accepted:
+        course.note = answer.reason
+        return
+    course.mode = loop.decision.mode
+    while loop.decision.phase is Phase.CLOSING:  # the arbiter's own time limit ends it
+        loop.tick()
+        if course.touch_s is None and loop.seen.finger_force_n.any():
+            course.touch_s = loop.seen.time_s - asked_s
+    if loop.decision.phase is Phase.HOLDING:
+        course.close_s = loop.seen.time_s - asked_s
+    else:
+        course.note = loop.decision.reason
 
 
 def _run(loop: ClosedLoop, duration_s: float) -> None:

@@ -33,7 +33,9 @@ def thresholds(monkeypatch):
 def test_designs_stand_side_by_side_in_table_and_json(thresholds, capsys, tmp_path):
     path = tmp_path / "grasps.json"
     assert grasp_study.main(["--objects", "bulb", "tomato", "--json", str(path)]) == 0
-    rows = json.loads(path.read_text(encoding="utf-8"))["grasps"]
+    result = json.loads(path.read_text(encoding="utf-8"))
+    assert (result["settings"]["nominal_gauge_pa"], result["settings"]["slippery_friction"]) == (100e3, 0.05)
+    rows = result["grasps"]
     assert [(row["scene"], row["design"]) for row in rows] == [
         ("bulb", "initial"),
         ("bulb", "optimised"),
