@@ -1,7 +1,7 @@
 """Command ``grasp_study``: the paper's five grasps, the least pressure that holds each, and what holds it.
 
-    grasp_study --json FILE                              the designs initial and optimised, in tier arc
-    grasp_study --tier rod --design initial              another tier, one design
+    grasp_study --json FILE                              the designs initial and optimised, in tier rod
+    grasp_study --tier arc --design initial              another tier, one design
     grasp_study --objects bulb own_scene.yaml            other scenes, by name or file
 
 Each grasp runs without ROS through the gripper's own sensing, mode selection, arbitration and pressure loops: rest,
@@ -238,7 +238,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NAME",
         help="designs by name, side by side (default: initial optimised)",
     )
-    parser.add_argument("--tier", choices=("arc", "rod"), default="arc", help="how muscles are computed (default: arc)")
+    parser.add_argument("--tier", choices=("arc", "rod"), default="rod", help="how muscles are computed (default: rod)")
     parser.add_argument(
         "--objects", nargs="+", default=PAPER_SCENES, metavar="NAME", help="scenes, by name or file (default: the five)"
     )
