@@ -68,6 +68,7 @@ setup(
             f"calibrate_fe = {PACKAGE}.study.fe.calibrate_fe:main",
             *(f"{command} = {PACKAGE}.study.design.{command}:main" for command in DESIGN_STUDY),
             *(f"{command} = {PACKAGE}.study.fidelity.{command}:main" for command in FIDELITY),
+            f"grasp_study = {PACKAGE}.study.grasp.grasp_study:main",
         ]
     },
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.actuator.design import MuscleDesign, MuscleGeometry
-from mbpam_ros.configuration import load_config, require_positive
+from mbpam_ros.actuator.named_designs import load_design
+from mbpam_ros.configuration import ConfigError, load_yaml, parse_config, require_positive
 
 
 @dataclass(frozen=True)
@@ -63,9 +64,17 @@ class Gripper:
 
 
 def load_gripper(name: str | Path = "gripper.yaml") -> Gripper:
-    """Read the gripper file ``name``.
+    """Read the gripper file ``name``. Its ``design`` is a mapping of ``a_mm`` and ``b_mm``, or the name of a design.
 
     Raises:
-        ConfigError: wrong keys or values, a design outside the paper's domain among them.
+        ConfigError: wrong keys or values; among them a design outside the paper's domain, and a name that no design
+            has.
     """
-    return load_config(Gripper, name)
+    content = load_yaml(name)
+    if isinstance(content.get("design"), str):
+        try:
+            design = load_design(content["design"])
+        except ConfigError as error:
+            raise ConfigError(f"{name}: design: {error}") from error
+        content["design"] = asdict(design)
+    return parse_config(Gripper, content, where=str(name))

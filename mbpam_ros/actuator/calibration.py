@@ -22,16 +22,15 @@ from scipy.optimize import newton
 
 from mbpam_ros.actuator.bending_law import PATTERNS, stored_cell_laws
 from mbpam_ros.actuator.blocked_rod import RodLoad, blocked_path
-from mbpam_ros.actuator.design import MuscleDesign, MuscleGeometry
+from mbpam_ros.actuator.design import INITIAL_DESIGN, MuscleDesign, MuscleGeometry
 from mbpam_ros.actuator.metamodel import load_metamodel
 from mbpam_ros.actuator.planar_rod import AxisStretch, RodSolutionError, stiffness_for_tip_angle
 from mbpam_ros.actuator.rod_law import NOMINAL_PRESSURE_GAUGE_PA, PatternFactors, RodLaw, finite_element_rod_law
 from mbpam_ros.actuator.tip_force import TipForce
 
-# Paper, section 3.1: measured on the initial design, which is that of config/data/README.md.
+# Paper, section 3.1: measured on the initial design.
 _MEASURED_PDC_DEG, _MEASURED_PDC_N = 151.0, 0.643
 _MEASURED_PSC_DEG, _MEASURED_PSC_N = 120.0, 0.466
-_MEASURED_DESIGN = MuscleDesign(a_mm=2.5, b_mm=2.0)
 
 TARGETS = ("fe", "test")
 
@@ -64,7 +63,7 @@ def calibration_targets(design: MuscleDesign, metamodel: str = "prs", target: st
     performance = model.predict(design)
     pdc = PatternTarget(performance.theta_max_rad, performance.f_max_n)
     if target == "test":
-        initial = model.predict(_MEASURED_DESIGN)
+        initial = model.predict(INITIAL_DESIGN)
         pdc = PatternTarget(
             pdc.theta_max_rad * math.radians(_MEASURED_PDC_DEG) / initial.theta_max_rad,
             pdc.f_max_n * _MEASURED_PDC_N / initial.f_max_n,

@@ -99,6 +99,10 @@ class MuscleDesign:
         PAPER_DOMAIN.require_inside([[self.a_mm, self.b_mm]])
 
 
+INITIAL_DESIGN = MuscleDesign(a_mm=2.5, b_mm=2.0)
+"""The paper's initial design, on which it measured; ``config/data/README.md`` says how it was found."""
+
+
 @dataclass(frozen=True)
 class MuscleGeometry:
     """What the paper holds fixed, and the mass along the muscle. SI units.

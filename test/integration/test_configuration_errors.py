@@ -98,6 +98,12 @@ def test_a_design_outside_the_sampled_domain_is_refused_with_the_domain_and_the_
     assert "nearest design inside" in complaint
 
 
+@pytest.mark.parametrize("node_class", OF_GRIPPER)
+def test_a_design_that_no_one_named_is_refused_with_those_that_there_are(refused, node_class):
+    complaint = refused(node_class, "gripper", changed("gripper.yaml", "design", "best"))
+    assert "edited.yaml: design: no design 'best'; known: initial, optimised" in complaint
+
+
 @pytest.mark.parametrize(
     "node_class, parameter, file, path, value",
     [

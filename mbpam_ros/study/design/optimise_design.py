@@ -4,6 +4,7 @@
     optimise_design --metamodel krg --json FILE          another metamodel, fitted to Table 1
     optimise_design --training CSV --initial 2.5,2.0     samples of your own (a_mm, b_mm, theta_max_deg, f_max_n)
     optimise_design --required-force 0.6                 choose the design with the largest angle that has 0.6 N
+    optimise_design --save-as optimised                  keep the chosen design, for "design: optimised" in gripper.yaml
 
 The front in the JSON file, and the figures drawn from it, are those of the first algorithm and seed; every other run is
 judged too, against the front of a dense grid. The command fails if a run covers less than 99.5 % of that.
@@ -14,16 +15,17 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from mbpam_ros.actuator.design import DesignDomainError
+from mbpam_ros.actuator.design import INITIAL_DESIGN, DesignDomainError
 from mbpam_ros.actuator.metamodel import METAMODELS, TRAINING_TABLE, VALIDATION_TABLE, MetamodelError
 from mbpam_ros.actuator.tables import read_table
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.study.design.compromise import CompromiseError, Rule, knee, required_force, weighted
+from mbpam_ros.study.design.design_file import keep_design
 from mbpam_ros.study.design.evaluations import Evaluations, OptimisationError
 from mbpam_ros.study.design.improvement import Reference, gains, reference_design
 from mbpam_ros.study.design.mopso import mopso
@@ -37,9 +39,6 @@ from mbpam_ros.study.result_file import ResultFileError, write_json
 
 ALGORITHMS: dict[str, Callable[[Evaluations, int], None]] = {"mopso": mopso, "nsga2": nsga2}
 LEAST_HYPERVOLUME_RATIO = 0.995
-INITIAL_DESIGN_MM = (2.5, 2.0)
-"""Of the paper; config/data/README.md says how it was found."""
-
 _GRID = 401
 _COLUMNS = ("a_mm", "b_mm", "theta_deg", "f_n")
 
@@ -193,7 +192,7 @@ def _run(options: argparse.Namespace) -> None:
     initial = None
     if of_the_paper or options.initial is not None:
         known = [samples, Samples.of_the_paper(VALIDATION_TABLE)] if of_the_paper else [samples]
-        initial = reference_design(*(options.initial or INITIAL_DESIGN_MM), known, responses)
+        initial = reference_design(*(options.initial or astuple(INITIAL_DESIGN)), known, responses)
     truth = grid_front(responses.objectives, responses.domain, _GRID)
     seeds = range(options.seed, options.seed + options.seeds)
     runs = [optimise(responses, truth, algorithm, seed) for algorithm in options.algorithms for seed in seeds]
@@ -206,6 +205,8 @@ def _run(options: argparse.Namespace) -> None:
     print(result_text(result))
     if options.json is not None:
         write_json(options.json, result)
+    if options.save_as is not None:
+        keep_design(options.save_as, result, "paper, Table 1" if of_the_paper else options.training.name)
     if options.picture is not None:
         fronts = {f"{run.algorithm}, seed {run.seed}": run.front for run in runs if run.seed == options.seed}
         draw_optimisation(responses, truth, fronts, result, options.picture)
@@ -255,6 +256,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--seeds", type=_at_least(1), default=3, metavar="N", help="seeds of each algorithm (default: 3)"
     )
+    parser.add_argument("--save-as", metavar="NAME", help="keep the chosen design under this name for the gripper file")
     rules = parser.add_mutually_exclusive_group()
     rules.add_argument("--required-force", type=float, metavar="N", help="choose the largest angle with this force")
     rules.add_argument("--weights", type=_pair, metavar="ANGLE,FORCE", help="choose by weights (default: the knee)")

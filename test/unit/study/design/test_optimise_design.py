@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 
+from mbpam_ros.actuator.named_designs import load_kept_designs
 from mbpam_ros.study.design import optimise_design
 from mbpam_ros.study.design.improvement import gains, reference_design
 from mbpam_ros.study.design.optimise_design import Run, check_table_5, main
@@ -43,6 +44,15 @@ def test_the_chosen_design_is_on_the_front_and_has_a_deviation(written):
     row = [chosen[key] for key in ("a_mm", "b_mm", "theta_deg", "f_n")]
     assert row in written["pareto"] and chosen["rule"] == "knee"
     assert 1.0 < chosen["theta_sigma_deg"] < 8.0 and 0.005 < chosen["f_sigma_n"] < 0.03
+
+
+def test_the_design_kept_as_optimised_is_the_one_that_is_chosen(written):
+    kept = load_kept_designs()["optimised"]
+    for key, value in (("a_mm", kept.a_mm), ("b_mm", kept.b_mm), ("theta_deg", kept.theta_max_deg)):
+        assert value == pytest.approx(written["chosen"][key], rel=1e-3)
+    run = written["runs"][0]
+    expected = {"metamodel": written["metamodel"], "algorithm": run["algorithm"], "seed": str(run["seed"])}
+    assert expected.items() <= kept.provenance.items() and kept.provenance["rule"] == written["chosen"]["rule"]
 
 
 @pytest.mark.parametrize("refitted", [False, True])

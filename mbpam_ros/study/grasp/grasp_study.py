@@ -1,0 +1,249 @@
+"""Command ``grasp_study``: the paper's five grasps, the least pressure that holds each, and what holds it.
+
+    grasp_study --json FILE                              the designs initial and optimised, in tier rod
+    grasp_study --tier arc --design initial              another tier, one design
+    grasp_study --objects bulb own_scene.yaml            other scenes, by name or file
+
+Each grasp runs without ROS through the gripper's own sensing, mode selection, arbitration and pressure loops: rest,
+close, lift, hold for 1 s. An object is held if it rose with the hand and rests in it; only the contact model decides.
+What still holds with next to no friction (0.05) is held by caging, what does not, by friction.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mbpam_ros.actuator.design import DesignDomainError
+from mbpam_ros.actuator.named_designs import INITIAL, load_design
+from mbpam_ros.configuration import ConfigError
+from mbpam_ros.gripper import Gripper, load_gripper
+from mbpam_ros.plant.scene import Scene, load_scene
+from mbpam_ros.plant.tiers import PlantDivergedError, TierError
+from mbpam_ros.study.fe.progress import ProgressBar
+from mbpam_ros.study.grasp.least_pressure import LeastPressure, least_pressure
+from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S, Trial, run_trial, with_changes
+from mbpam_ros.study.result_file import ResultFileError, write_json
+
+PAPER_SCENES = ("tomato", "bulb", "banana", "tube", "carton")
+"""Scenes of the paper's figure 10, in its order."""
+
+NOMINAL_PA = 100e3
+"""The paper's pressure."""
+
+SLIPPERY = 0.05
+"""Coefficient of friction that leaves next to nothing of friction, as of ice on steel."""
+
+LEAST_PA, STEP_PA, RESOLUTION_PA = 40e3, 10e3, 1e3
+
+
+@dataclass(frozen=True)
+class GraspRow:
+    """One object in one design.
+
+    Args:
+        scene, object, mass_kg, papers_mode: what is grasped, and the mode the paper used.
+        design, a_mm, b_mm, tier: of the muscles, and how they are computed.
+        at_nominal, slippery_at_nominal: what happens at :data:`NOMINAL_PA`, with friction as it is and without.
+        least, slippery_least: least pressures that hold, likewise.
+        trials: how many grasps were run.
+    """
+
+    scene: str
+    object: str
+    mass_kg: float
+    papers_mode: str
+    design: str
+    a_mm: float
+    b_mm: float
+    tier: str
+    at_nominal: Trial
+    slippery_at_nominal: Trial
+    least: LeastPressure
+    slippery_least: LeastPressure
+    trials: int
+
+    @property
+    def held_by(self) -> str:
+        """What holds the object at the nominal pressure: friction, caging, or nothing."""
+        if not self.at_nominal.held:
+            return "-"
+        return "caging" if self.slippery_at_nominal.held else "friction"
+
+
+def study_grasp(scene: Scene, gripper: Gripper, design: str, refresh: Callable[[], None] = lambda: None) -> GraspRow:
+    """Search the least pressures that hold the object of a scene, with its friction and without.
+
+    Args:
+        scene: with an object, in the tier to compute in.
+        gripper: with the design in it.
+        design: its name, for the record.
+        refresh: called after each grasp.
+
+    Raises:
+        ConfigError, TierError: the scene or a file is wrong.
+    """
+    grid = [*np.arange(LEAST_PA, gripper.pressure_limit_gauge_pa - 1.0, STEP_PA), gripper.pressure_limit_gauge_pa]
+    trials: dict[tuple[str, float], Trial] = {}
+
+    def trial(scene: Scene, pressure_pa: float) -> Trial:
+        if (scene.name, pressure_pa) not in trials:
+            trials[scene.name, pressure_pa] = run_trial(scene, gripper, pressure_pa)
+            refresh()
+        return trials[scene.name, pressure_pa]
+
+    def search(scene: Scene) -> LeastPressure:
+        return least_pressure(lambda pressure: trial(scene, pressure).held, [float(p) for p in grid], RESOLUTION_PA)
+
+    slippery = replace(with_changes(scene, friction_coefficient=SLIPPERY), name=f"{scene.name}, slippery")
+    return GraspRow(
+        scene=scene.name,
+        object=scene.config.object,
+        mass_kg=scene.object.mass_kg,
+        papers_mode=scene.object.expected_mode,
+        design=design,
+        a_mm=gripper.design.a_mm,
+        b_mm=gripper.design.b_mm,
+        tier=scene.config.tier,
+        at_nominal=trial(scene, NOMINAL_PA),
+        slippery_at_nominal=trial(slippery, NOMINAL_PA),
+        least=search(scene),
+        slippery_least=search(slippery),
+        trials=len(trials),
+    )
+
+
+def result_text(rows: Sequence[GraspRow]) -> str:
+    """Return the table: the paper's object and mode, and what this gripper does with it."""
+    head = (
+        "object",
+        "mass [g]",
+        "paper",
+        "design",
+        "mode",
+        "at 100 kPa",
+        "by",
+        "rise [mm]",
+        "touch [s]",
+        "close [s]",
+        "least [kPa]",
+        "slippery [kPa]",
+    )
+    cells = [head, *(_cells(row) for row in rows)]
+    widths = [max(len(cell) for cell in column) for column in zip(*cells, strict=True)]
+    cells.insert(1, tuple("-" * width for width in widths))
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
+    for row in rows:
+        for name, found in (("", row.least), (" with friction 0.05", row.slippery_least)):
+            if found.gaps_pa:
+                missed = ", ".join(f"{1e-3 * pressure:g}" for pressure in found.gaps_pa)
+                lines.append(f"{row.object}, {row.design}{name}: held at less, but not at {missed} kPa")
+        for trial in (row.at_nominal, row.slippery_at_nominal):
+            if trial.note:
+                lines.append(f"{row.object}, {row.design}: {trial.note}")
+    return "\n".join(lines)
+
+
+def result_json(rows: Sequence[GraspRow]) -> dict[str, object]:
+    """Return the results as plain values: ``settings``, and in ``grasps`` the fields of each row and ``held_by``."""
+    return {
+        "settings": {
+            "nominal_gauge_pa": NOMINAL_PA,
+            "slippery_friction": SLIPPERY,
+            "resolution_pa": RESOLUTION_PA,
+            "held_share_of_lift": HELD_SHARE,
+            "hold_s": HOLD_S,
+        },
+        "grasps": [{**asdict(row), "held_by": row.held_by} for row in rows],
+    }
+
+
+def _cells(row: GraspRow) -> tuple[str, ...]:
+    at = row.at_nominal
+    return (
+        row.object,
+        f"{1e3 * row.mass_kg:.0f}",
+        f"held, {row.papers_mode}" if row.scene in PAPER_SCENES else "-",
+        row.design,
+        at.mode or "refused",
+        "held" if at.held else "not held",
+        row.held_by,
+        f"{1e3 * at.rise_m:.0f}",
+        "-" if at.touch_s is None else f"{at.touch_s:.2f}",
+        "-" if at.close_s is None else f"{at.close_s:.2f}",
+        _kilopascals(row.least),
+        _kilopascals(row.slippery_least),
+    )
+
+
+def _kilopascals(found: LeastPressure) -> str:
+    return "none" if found.holds_pa is None else f"{1e-3 * found.holds_pa:.1f}" + ("*" if found.gaps_pa else "")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        _run(options)
+    except KeyboardInterrupt:
+        print("grasp_study: interrupted", file=sys.stderr)
+        return 130
+    except (ConfigError, DesignDomainError, TierError, PlantDivergedError, ResultFileError) as error:
+        print(f"grasp_study: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _run(options: argparse.Namespace) -> None:
+    gripper = load_gripper()
+    grippers = {name: replace(gripper, design=load_design(name)) for name in options.design}
+    scenes = [_scene(name, options.tier) for name in options.objects]
+    progress = ProgressBar()
+    progress.start(len(scenes) * len(grippers), 0)
+    rows = []
+    started_s = time.monotonic()
+    for scene in scenes:
+        for name, each in grippers.items():
+            rows.append(study_grasp(scene, each, name, progress.refresh))
+            least = _kilopascals(rows[-1].least)
+            progress.job_ended(f"{scene.name}, {name}: least pressure {least} kPa after {rows[-1].trials} grasps")
+    print(result_text(rows))
+    print(f"{sum(row.trials for row in rows)} grasps in {time.monotonic() - started_s:.0f} s, tier {options.tier}")
+    if options.json is not None:
+        write_json(options.json, result_json(rows))
+
+
+def _scene(name: str, tier: str) -> Scene:
+    scene = load_scene(name)
+    if scene.object is None:
+        raise ConfigError(f"scene {scene.name}: nothing to grasp; name an object in it")
+    return with_changes(scene, tier=tier)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        "grasp_study", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
+    parser.add_argument(
+        "--design",
+        nargs="+",
+        default=[INITIAL, "optimised"],
+        metavar="NAME",
+        help="designs by name, side by side (default: initial optimised)",
+    )
+    parser.add_argument("--tier", choices=("arc", "rod"), default="rod", help="how muscles are computed (default: rod)")
+    parser.add_argument(
+        "--objects", nargs="+", default=PAPER_SCENES, metavar="NAME", help="scenes, by name or file (default: the five)"
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,127 @@
+"""One grasp from rest to the end of the lift, and what came of it. Nothing but the contact model decides that."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbpam_ros.grasp.arbitration import Phase
+from mbpam_ros.gripper import Gripper
+from mbpam_ros.plant.scene import Scene
+from mbpam_ros.plant.tiers import PlantDivergedError
+from mbpam_ros.study.grasp.closed_loop import TICK_S, ClosedLoop
+
+HELD_SHARE = 0.9
+"""An object that rose by this part of the hand's rise, and stays there, is held."""
+
+HOLD_S = 1.0
+"""How long it must stay up, after the lift."""
+
+STILL_M_S = 2e-3
+"""What rests in the hand at the end moves more slowly."""
+
+_REST_S = 0.3
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came of a grasp.
+
+    Args:
+        mode: that the arbiter closed in; empty where it refused.
+        held: whether the object rose with the hand and rests in it.
+        rise_m: of the object, from where it rested to the end; more than the hand's where the fingers drew it in.
+        hand_rise_m: of the hand.
+        touch_s: from the request to the first touch of a finger; none without one before the lift.
+        close_s: from the request to the arbiter's ``holding``; none where it came to a fault.
+        finger_force_n: force of all fingers against the object at the end, sum of their magnitudes.
+        note: why it did not come to an end, if so.
+    """
+
+    mode: str
+    held: bool
+    rise_m: float
+    hand_rise_m: float
+    touch_s: float | None
+    close_s: float | None
+    finger_force_n: float
+    note: str = ""
+
+
+def with_changes(scene: Scene, tier: str | None = None, friction_coefficient: float | None = None) -> Scene:
+    """Return the scene in another tier or with another friction of fingers on the object; none leaves its own."""
+    config = scene.config
+    if tier is not None:
+        config = dataclasses.replace(config, tier=tier, modes=config.modes if tier == "rod" else None)
+    if friction_coefficient is not None:
+        config = dataclasses.replace(config, friction_coefficient=friction_coefficient)
+    return dataclasses.replace(scene, config=config)
+
+
+def run_trial(scene: Scene, gripper: Gripper, grip_pressure_gauge_pa: float) -> Trial:
+    """Let the object rest, close in the mode the arbiter chooses, lift, hold for :data:`HOLD_S`.
+
+    Raises:
+        ConfigError: a file is wrong, the scene has no object, or the pressure is above the gripper's limit.
+        TierError: no such tier, or it cannot compute what the scene holds.
+        PlantDivergedError: the object at rest already leaves what can be.
+    """
+    loop = ClosedLoop(scene, gripper, grip_pressure_gauge_pa)
+    _run(loop, _REST_S)
+    start_m, course = loop.seen.object_in_world.position_m[2], _Course()
+    try:
+        _close(loop, course)
+        if course.close_s is not None:
+            loop.lift()
+            _run(loop, scene.config.lift.duration_s + HOLD_S)
+    except PlantDivergedError as error:
+        course.note = str(error)
+    seen = loop.seen
+    rise_m = float(start_m - seen.object_in_world.position_m[2])
+    up = course.close_s is not None and rise_m >= HELD_SHARE * scene.config.lift.height_m
+    still = float(np.linalg.norm(seen.object_in_world.velocity_m_s)) < STILL_M_S
+    return Trial(
+        mode=course.mode,
+        held=up and still and not course.note,
+        rise_m=rise_m,
+        hand_rise_m=seen.hand_lift_m,
+        touch_s=course.touch_s,
+        close_s=course.close_s,
+        finger_force_n=float(np.linalg.norm(seen.finger_force_n, axis=1).sum()),
+        note=course.note,
+    )
+
+
+@dataclass
+class _Course:
+    """What has happened so far, as in :class:`Trial`."""
+
+    mode: str = ""
+    touch_s: float | None = None
+    close_s: float | None = None
+    note: str = ""
+
+
+def _close(loop: ClosedLoop, course: _Course) -> None:
+    """Ask for a grasp and follow it until the arbiter has closed, refused or given up."""
+    asked_s = loop.seen.time_s
+    answer = loop.grasp()
+    if not answer.accepted:
+        course.note = answer.reason
+        return
+    course.mode = loop.decision.mode
+    while loop.decision.phase is Phase.CLOSING:  # the arbiter's own time limit ends it
+        loop.tick()
+        if course.touch_s is None and loop.seen.finger_force_n.any():
+            course.touch_s = loop.seen.time_s - asked_s
+    if loop.decision.phase is Phase.HOLDING:
+        course.close_s = loop.seen.time_s - asked_s
+    else:
+        course.note = loop.decision.reason
+
+
+def _run(loop: ClosedLoop, duration_s: float) -> None:
+    for _ in range(round(duration_s / TICK_S)):
+        loop.tick()

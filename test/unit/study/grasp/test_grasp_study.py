@@ -1,0 +1,92 @@
+"""What the command says about grasps, with grasps that are decided by a rule instead of the plant."""
+
+import json
+
+import pytest
+
+from mbpam_ros.study.grasp import grasp_study
+from mbpam_ros.study.grasp.trial import Trial
+
+
+@pytest.fixture
+def thresholds(monkeypatch):
+    """Objects are held from these pressures on, slippery ones from twice as much over ambient."""
+    least_pa = {"initial": 63e3, "optimised": 47e3}
+    names = {}
+
+    def trial(scene, gripper, pressure_pa):
+        slippery = scene.config.friction_coefficient == grasp_study.SLIPPERY
+        held = pressure_pa >= least_pa[names[gripper.design.a_mm]] * (2.0 if slippery else 1.0)
+        return Trial("envelope", held, 0.1 if held else 0.0, 0.1, 0.2, 0.5, 1.0 if held else 0.0)
+
+    def load_design(name):
+        design = load(name)
+        names[design.a_mm] = name
+        return design
+
+    load = grasp_study.load_design
+    monkeypatch.setattr(grasp_study, "load_design", load_design)
+    monkeypatch.setattr(grasp_study, "run_trial", trial)
+    return least_pa
+
+
+def test_designs_stand_side_by_side_in_table_and_json(thresholds, capsys, tmp_path):
+    path = tmp_path / "grasps.json"
+    assert grasp_study.main(["--objects", "bulb", "tomato", "--json", str(path)]) == 0
+    result = json.loads(path.read_text(encoding="utf-8"))
+    assert (result["settings"]["nominal_gauge_pa"], result["settings"]["slippery_friction"]) == (100e3, 0.05)
+    rows = result["grasps"]
+    assert [(row["scene"], row["design"]) for row in rows] == [
+        ("bulb", "initial"),
+        ("bulb", "optimised"),
+        ("tomato", "initial"),
+        ("tomato", "optimised"),
+    ]
+    for row in rows:
+        least_pa = thresholds[row["design"]]
+        assert row["least"]["fails_pa"] < least_pa <= row["least"]["holds_pa"] <= row["least"]["fails_pa"] + 1e3
+    assert [row["held_by"] for row in rows[:2]] == ["friction", "caging"]
+    assert rows[0]["slippery_least"]["holds_pa"] is None  # 126 kPa is above the limit
+    assert rows[1]["slippery_least"]["holds_pa"] == pytest.approx(94e3, abs=1e3)
+    said = capsys.readouterr().out
+    assert "[4/4] tomato, optimised: least pressure 4" in said
+    assert "bulb" in said and "held, envelope" in said and "none" in said
+
+
+def test_what_is_not_held_is_said(monkeypatch, capsys):
+    lost = Trial("slender_rod", False, 0.0, 0.1, None, 0.5, 0.0)
+    monkeypatch.setattr(grasp_study, "run_trial", lambda scene, gripper, pressure_pa: lost)
+    assert grasp_study.main(["--objects", "tube", "--design", "initial"]) == 0
+    row = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("aluminium_tube"))
+    assert row.split()[5:] == ["slender_rod", "not", "held", "-", "0", "-", "0.50", "none", "none"]
+
+
+def test_a_pressure_that_fails_above_the_least_one_is_named(monkeypatch, capsys):
+    def trial(scene, gripper, pressure_pa):
+        held = pressure_pa in (60e3, 80e3, 100e3, 110e3)
+        return Trial("envelope", held, 0.1 if held else 0.0, 0.1, 0.2, 0.5, 0.0)
+
+    monkeypatch.setattr(grasp_study, "run_trial", trial)
+    assert grasp_study.main(["--objects", "bulb", "--design", "initial"]) == 0
+    said = capsys.readouterr().out
+    assert "60.0*" in said and "bulb, initial: held at less, but not at 70, 90 kPa" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--design", "best"], "no design 'best'; known: initial, optimised"),
+        (["--objects", "unicorn"], "no scene 'unicorn'; known: "),
+        (["--objects", "empty", "--design", "initial"], "scene empty: nothing to grasp"),
+    ],
+)
+def test_what_cannot_be_studied_is_said_in_one_line(arguments, message, capsys):
+    assert grasp_study.main(arguments) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("grasp_study: ") and message in said and said.count("\n") == 1
+
+
+def test_a_tier_without_objects_is_refused(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        grasp_study.main(["--tier", "static"])
+    assert "invalid choice" in capsys.readouterr().err

@@ -1,0 +1,90 @@
+"""The whole gripper without ROS: what its own sensing, mode selection, arbitration and loops do with an object."""
+
+import dataclasses
+import functools
+
+import pytest
+
+from mbpam_ros.actuator.named_designs import load_design
+from mbpam_ros.configuration import ConfigError
+from mbpam_ros.grasp.arbitration import Phase
+from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.study.grasp.closed_loop import ClosedLoop
+from mbpam_ros.study.grasp.trial import run_trial, with_changes
+
+GRIPPER = load_gripper()
+
+
+@functools.cache
+def trial(name, pressure_pa, **changes):
+    return run_trial(with_changes(load_scene(name), **changes), GRIPPER, pressure_pa)
+
+
+def test_a_held_bulb_rises_with_the_hand_in_the_papers_mode():
+    held = trial("bulb", 100e3)
+    assert held.held and held.mode == "envelope" and held.note == ""
+    assert held.rise_m == pytest.approx(0.1, abs=0.005) and held.hand_rise_m == pytest.approx(0.1)
+    assert 0.1 < held.touch_s < held.close_s < 1.0
+    assert held.finger_force_n >= 0.046 * 9.81
+
+
+def test_without_enough_pressure_it_stays_where_it_was():
+    left = trial("bulb", 50e3)
+    assert not left.held and left.mode == "envelope" and left.finger_force_n == 0.0
+    assert left.rise_m == pytest.approx(0.0, abs=0.002) and left.hand_rise_m == pytest.approx(0.1)
+
+
+def test_friction_decides_about_the_tomato_and_not_about_the_bulb():
+    assert trial("tomato", 100e3).held and not trial("tomato", 100e3, friction_coefficient=0.05).held
+    assert trial("bulb", 100e3, friction_coefficient=0.05).held
+
+
+def test_an_object_that_is_refused_is_not_held_and_the_reason_is_kept():
+    scene = load_scene("tomato")
+    wide = dataclasses.replace(scene.object, shape="box", size_m=(0.3, 0.3, 0.07))
+    refused = run_trial(dataclasses.replace(scene, object=wide), GRIPPER, 100e3)
+    assert not refused.held and refused.mode == "" and refused.close_s is None and "tomato" in refused.note
+
+
+def test_a_grip_pressure_above_the_limit_is_refused():
+    with pytest.raises(ConfigError, match="above the limit of 110000 Pa"):
+        run_trial(load_scene("bulb"), GRIPPER, 115e3)
+
+
+def test_a_scene_without_an_object_is_refused():
+    with pytest.raises(ConfigError, match="scene empty: nothing to grasp"):
+        ClosedLoop(load_scene("empty"), GRIPPER)
+
+
+def test_a_change_of_friction_or_tier_leaves_the_rest_of_the_scene():
+    scene = load_scene("bulb")
+    changed = with_changes(scene, tier="rod", friction_coefficient=0.1)
+    assert (changed.config.tier, changed.config.friction_coefficient) == ("rod", 0.1)
+    assert with_changes(changed, tier="arc").config.friction_coefficient == 0.1
+    assert with_changes(scene) == scene
+
+
+def test_modes_of_curvature_are_given_up_where_the_tier_takes_none():
+    scene = load_scene("bulb")
+    scene = dataclasses.replace(scene, config=dataclasses.replace(scene.config, tier="rod", modes=4))
+    assert with_changes(scene, friction_coefficient=0.1).config.modes == 4
+    assert with_changes(scene, tier="arc").config.modes is None
+
+
+@pytest.mark.parametrize("design", ["initial", "optimised"])
+def test_the_loops_close_with_every_named_design_and_the_same_run_gives_the_same_bits(design):
+    gripper = dataclasses.replace(GRIPPER, design=load_design(design))
+
+    def run():
+        loop = ClosedLoop(load_scene("bulb"), gripper)
+        for _ in range(10):
+            loop.tick()
+        assert loop.grasp().accepted
+        for _ in range(100):
+            loop.tick()
+        assert loop.decision.phase is Phase.HOLDING
+        return loop.seen.centreline_m
+
+    first = run()
+    assert first.tobytes() == run().tobytes()
