@@ -148,7 +148,7 @@ def bend_curve(run: Run, pressures_kpa: Sequence[float]) -> dict[str, list[float
 
 def settings(run: Run) -> dict[str, object]:
     """Return what the numbers depend on besides a and b, and the versions they were made with."""
-    geometry = asdict(run.geometry)
+    geometry = run.geometry.settings()
     del geometry["a_mm"], geometry["b_mm"]
     return {
         "convention": "outer radius R - a/2 (1 - cos(2 pi z / lambda)); radial wall c; chambers x, y > b/2",
