@@ -112,7 +112,8 @@ def _ablations(
     for row in result["variants"]:
         progress.say(
             f"{row['name']}: theta {row['theta_rms_pct']:.1f} % rms, {row['theta_mean_pct']:+.1f} % mean, "
-            f"{row['theta_worst_pct']:+.1f} % worst; force {row['force_rms_pct']:.1f} % rms ({row['points']} points)"
+            f"{row['theta_worst_pct']:+.1f} % worst; force {row['force_rms_pct']:.1f} % rms ({row['points']} points); "
+            f"folds {row['least_fold_opening']:.2f} open, arm {row['least_arm_gap_mm']:+.2f} mm from the wall"
         )
     if pictures and result["variants"]:
         picture = path.with_suffix(".png")
@@ -149,7 +150,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--json", type=Path, metavar="FILE", help="where the comparison or the curve goes")
     parser.add_argument("--law", type=Path, metavar="FILE", help="where the law M(p, kappa) goes")
     parser.add_argument("--effects", action="store_true", help="effect of a, b, c and n")
-    parser.add_argument("--ablations", action="store_true", help="effect of mesh, wall, bulk modulus and ends")
+    parser.add_argument("--ablations", action="store_true", help="effect of mesh, wall, fillets, contact, ends")
     parser.add_argument("--design", metavar="A,B,C,N", help="one design: lengths a, b, c in mm, number of waves")
     parser.add_argument("--pattern", choices=PATTERNS, default="pdc", help="of --design")
     parser.add_argument(

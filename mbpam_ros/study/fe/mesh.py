@@ -189,6 +189,7 @@ class CellMesh:
             (:mod:`~mbpam_ros.study.fe.tetrahedra`).
         faces: per meshed chamber (1 to 4) the wall faces, shape (faces, 4 or 8), normal pointing out of the gas; of
             tetrahedra (faces, 5), four triangles around the last node.
+        on_arm: per chamber whether a face belongs to an arm of the cross; the others belong to the outer wall.
         rims: per chamber the edges around its opening at z = ``length_mm``, shape (edges, 2 or 3; the middle node
             last), counter-clockwise around the gas seen from +z.
         length_mm: of the cell.
@@ -197,6 +198,7 @@ class CellMesh:
     points_mm: NDArray[np.float64]
     cells: NDArray[np.int64]
     faces: dict[int, NDArray[np.int64]]
+    on_arm: dict[int, NDArray[np.bool_]]
     rims: dict[int, NDArray[np.int64]]
     length_mm: float
 
@@ -217,7 +219,10 @@ def unit_cell_mesh(geometry: CellGeometry, resolution: Resolution, section: str,
     blocks, patches = octant_blocks(geometry, resolution, z, geometry.outer_radius_at(z))
     nodes = numbered_section(blocks, patches, section, order)
     rims: dict[int, list[NDArray[np.int64]]] = {}
-    for chamber, ids in nodes.walls:
+    on_arm: dict[int, list[NDArray[np.bool_]]] = {}
+    for index, (chamber, ids) in enumerate(nodes.walls):
+        count = math.prod((size - 1) // order for size in ids.shape)
+        on_arm.setdefault(chamber, []).append(np.full(count, index % len(patches) == 0))  # the arm's patch comes first
         rim = ids[:, -1]
         ends = [rim[:-1:order], rim[order::order]] + ([rim[1::order]] if order == 2 else [])
         rims.setdefault(chamber, []).append(np.stack(ends, axis=1))
@@ -229,6 +234,7 @@ def unit_cell_mesh(geometry: CellGeometry, resolution: Resolution, section: str,
         points_mm=points,
         cells=cells,
         faces=faces,
+        on_arm={chamber: np.concatenate(parts) for chamber, parts in on_arm.items()},
         rims={chamber: np.concatenate(parts) for chamber, parts in rims.items()},
         length_mm=length,
     )
