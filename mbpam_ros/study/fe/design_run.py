@@ -161,9 +161,12 @@ def bend_curve(run: Run, pressures_kpa: Sequence[float]) -> dict[str, list[float
 def settings(run: Run) -> dict[str, object]:
     """Return what the numbers depend on besides a and b, and the versions they were made with."""
     geometry = run.geometry.settings()
+    wave = (
+        "R - a/2 (1 - cos(2 pi z / lambda))" if run.geometry.wave_fillet_mm is None else "of arcs and straight flanks"
+    )
     del geometry["a_mm"], geometry["b_mm"]
     return {
-        "convention": "outer radius R - a/2 (1 - cos(2 pi z / lambda)); radial wall c; chambers x, y > b/2",
+        "convention": f"outer radius {wave}; radial wall c; chambers x, y > b/2",
         "geometry": {**geometry, "end_length_mm": run.end_length_mm, "end_weight_factor": run.end_weight_factor},
         "resolution": run.resolution.settings(),
         "silicone": asdict(run.silicone),
