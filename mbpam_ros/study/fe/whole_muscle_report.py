@@ -5,8 +5,9 @@
     whole_muscle_report --json FILE --pictures DIR        and pictures of the deformed muscles, with matplotlib
 
 ``unit_cell`` sets the weightless muscle beside as many unit cells; ``ends`` compares end pieces under gravity;
-``plate`` blocks the tip by a plate, with and without friction, and for three thicknesses b of the cross; ``mesh``
-refines the elements. A muscle takes minutes. FILE is kept up to date, and muscles that it holds are not run again.
+``plate`` blocks the tip by a plate, with and without friction and weight, and for three thicknesses b of the cross;
+``mesh`` refines the elements. A muscle takes minutes. FILE is kept up to date, and muscles that it holds are not run
+again.
 """
 
 from __future__ import annotations
@@ -97,6 +98,8 @@ def plate_cases() -> dict[str, Case]:
         "blocked, psc": replace(paper, pattern="psc"),
         "blocked, no friction": replace(paper, friction=0.0),
         "blocked, held": replace(paper, friction=STICKING),
+        "blocked, no weight": replace(paper, gravity_factor=0.0),
+        "blocked, weightless ends": replace(paper, ends=EndPieces(density_factor=0.0)),
     }
 
 
