@@ -3,15 +3,16 @@
 *Folds.* Crest and valley planes are mirror planes, so neighbouring flanks touch where a node crosses one of them.
 :func:`fold_opening` is the least distance of a node from a plane over that at rest: 1 as at rest, 0 at touch.
 
-*Chambers.* The arms of the cross bulge into chambers without pressure and may come to rest on their wall. With g the
-gap of a node of one surface from the plane of the nearest triangle of the other (negative: it has passed through), w
+*Chambers.* The arms of the cross bulge into chambers without pressure and may come to rest on their wall. With d the
+distance of a node of one surface that has passed through the other from the nearest point of that one's triangles, w
 the node's area at rest and k a stiffness, the contact is the potential [N mm]
 
-    E(x) = sum over nodes with g < 0 of k/2 w g^2,   g = -(x - a) . n,   n = N / |N|,   N = (b - a) x (c - a),
+    E(x) = sum over such nodes of k/2 w d^2,   d^2 = min over lambda of |r|^2,   r = x - a - sum_j lambda_j (v_j - a),
 
-taken both ways, nodes of the arms on the wall and of the wall on the arms, with half the stiffness each. Its slope and
-curvature hold for the triangles that are nearest now: Newton's method on it is a semi-smooth one. The penalty's error
-is the penetration p / k under a contact pressure p: 0.02 mm at 100 kPa. Lengths in mm, forces in N.
+a and v_j the corners of the triangle, edge or corner that is nearest. It is taken both ways, nodes of the arms on the
+wall and of the wall on the arms, with half the stiffness each. E has a continuous slope also where a node slides from
+one triangle onto the next; its curvature follows from that of |r|^2 by elimination of lambda. The penalty's error is
+the penetration p / k under a contact pressure p: 0.02 mm at 100 kPa. Lengths in mm, forces in N.
 """
 
 from __future__ import annotations
@@ -28,13 +29,6 @@ from mbpam_ros.study.fe.mesh import CellMesh
 STIFFNESS_N_MM3 = 5.0
 _DEEPEST_MM = 0.5
 """Nodes farther behind a surface have not passed through it: they lie behind a part of it that faces elsewhere."""
-
-_LEVI_CIVITA = np.zeros((3, 3, 3))
-for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    _LEVI_CIVITA[_i, _j, _k], _LEVI_CIVITA[_j, _i, _k] = 1.0, -1.0
-
-_LOCAL = np.kron(np.array([[1, -1, 0, 0], [0, -1, 1, 0], [0, -1, 0, 1]]), np.eye(3))
-"""(x - a, b - a, c - a) of (x, a, b, c), components last."""
 
 _TRIANGLES = {
     4: ((0, 1, 2), (0, 2, 3)),
@@ -70,7 +64,7 @@ def clearance(
     gaps_mm = []
     for chamber in set(mesh.faces) - pressurised:
         arms, wall = _arms_and_wall(mesh, chamber)
-        gaps_mm.append(_gaps_mm(positions_mm, np.setdiff1d(arms, wall), wall)[2].min())
+        gaps_mm.append(_nearest(positions_mm, np.setdiff1d(arms, wall), wall).gaps_mm.min())
     return Clearance(fold_opening(mesh, positions_mm, end_normal), float(min(gaps_mm, default=np.inf)))
 
 
@@ -102,38 +96,77 @@ class SelfContact:
 
     def energy(self, x: NDArray[np.float64]) -> float:
         """Return E [N mm] of nodes at ``x``, shape (nodes, 3)."""
-        return float(sum(0.5 * weights @ gaps**2 for _, weights, gaps in self._touching(x)))
+        return sum(0.5 * float(touch.weights @ touch.offsets(x)[1] ** 2) for touch in self._touching(x))
 
     def forces(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return dE/dx [N], shape (nodes, 3)."""
         force = np.zeros_like(x)
-        for nodes, weights, gaps in self._touching(x):
-            slope, _ = _gap_derivatives(x[nodes])
-            np.add.at(force, nodes, (weights * gaps)[:, None, None] * slope.reshape(-1, 4, 3))
+        for touch in self._touching(x):
+            np.add.at(force, touch.nodes, touch.slope(x))
         return force
 
     def tangent(self, x: NDArray[np.float64]) -> csr_matrix:
         """Return d2E/dx2 [N/mm] over 3 node + component."""
         values, rows, columns = [np.zeros(0)], [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)]
-        for nodes, weights, gaps in self._touching(x):
-            slope, curvature = _gap_derivatives(x[nodes])
-            block = weights[:, None, None] * (slope[:, :, None] * slope[:, None] + gaps[:, None, None] * curvature)
-            degrees = (3 * nodes[:, :, None] + np.arange(3)).reshape(-1, 12)
+        for touch in self._touching(x):
+            block = touch.curvature(x)
+            degrees = (3 * touch.nodes[:, :, None] + np.arange(3)).reshape(len(block), -1)
             values.append(block.ravel())
-            rows.append(np.repeat(degrees, 12, axis=1).ravel())
-            columns.append(np.tile(degrees, (1, 12)).ravel())
+            rows.append(np.repeat(degrees, degrees.shape[1], axis=1).ravel())
+            columns.append(np.tile(degrees, degrees.shape[1]).ravel())
         entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
         return coo_matrix(entries, (x.size, x.size)).tocsr()
 
-    def _touching(self, x: NDArray[np.float64]) -> list[tuple[NDArray, NDArray, NDArray]]:
-        """Per pass node and triangle (n, 4), k times area (n,) and gap (n,) of the nodes that have passed through."""
+    def _touching(self, x: NDArray[np.float64]) -> list[_Touch]:
+        """The nodes that have passed through, those nearest to triangles, edges and corners apart."""
         found = []
         for nodes, weights, triangles in self._passes:
-            nearest, gaps, _ = _gaps_mm(x, nodes, triangles)
-            touching = (gaps < 0.0) & (gaps > -_DEEPEST_MM)
-            quadruples = np.column_stack([nodes, triangles[nearest]])[touching]
-            found.append((quadruples, weights[touching], gaps[touching]))
+            nearest = _nearest(x, nodes, triangles)
+            touching = (nearest.gaps_mm < 0.0) & (nearest.gaps_mm > -_DEEPEST_MM)
+            for count in (1, 2, 3):
+                here = touching & (nearest.corner_count == count)
+                if here.any():
+                    feature = np.column_stack([nodes[here], nearest.corners[here, :count]])
+                    found.append(_Touch(feature, weights[here]))
         return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Touch:
+    """Nodes x and the corners a, v_1, ... of what is nearest to each, shape (n, 2 to 4); k times area, shape (n,)."""
+
+    nodes: NDArray[np.int64]
+    weights: NDArray[np.float64]
+
+    def offsets(self, x: NDArray[np.float64]) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+        """r (n, 3), its length d (n,), the factors of x, a, v_j in r (n, 2 to 4), and v_j - a (n, 0 to 2, 3)."""
+        points = x[self.nodes]
+        sides = points[:, 2:] - points[:, 1:2]
+        from_corner = points[:, 0] - points[:, 1]
+        metric = sides @ sides.swapaxes(1, 2)
+        part = np.linalg.solve(metric, sides @ from_corner[:, :, None])[:, :, 0]
+        r = from_corner - np.sum(part[:, :, None] * sides, axis=1)
+        factors = np.column_stack([np.ones(len(r)), part.sum(axis=1) - 1.0, -part])
+        return r, np.linalg.norm(r, axis=1), factors, sides
+
+    def slope(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """dE over the nodes, shape (n, 2 to 4, 3)."""
+        r, _, factors, _ = self.offsets(x)
+        return self.weights[:, None, None] * factors[:, :, None] * r[:, None]
+
+    def curvature(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """d2E over the nodes' components, shape (n, 6 to 12, 6 to 12)."""
+        r, _, factors, sides = self.offsets(x)
+        count, size = factors.shape
+        whole = np.einsum("na,nb,ij->naibj", factors, factors, np.eye(3)).reshape(count, 3 * size, 3 * size)
+        if size > 2:  # minus what the nearest point gives way by
+            mixed = np.einsum("na,nmi->nmai", factors, sides)
+            for index in range(size - 2):
+                mixed[:, index, 2 + index] += r
+                mixed[:, index, 1] -= r
+            mixed = mixed.reshape(count, size - 2, -1)
+            whole -= mixed.swapaxes(1, 2) @ np.linalg.solve(sides @ sides.swapaxes(1, 2), mixed)
+        return self.weights[:, None, None] * whole
 
 
 def _arms_and_wall(mesh: CellMesh, chamber: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -152,62 +185,48 @@ def _nodal_areas_mm2(x: NDArray[np.float64], triangles: NDArray[np.int64]) -> ND
     return np.bincount(triangles.ravel(), np.repeat(third, 3), minlength=len(x))
 
 
-def _gaps_mm(
-    x: NDArray[np.float64], nodes: NDArray[np.int64], triangles: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """The triangle nearest to each node, and the node's distances from its plane and from the triangle itself.
+@dataclass(frozen=True, eq=False)
+class _Nearest:
+    """What is nearest to some nodes.
 
-    Both count from the gas and are negative behind the triangle. Of triangles that share the nearest edge the one
-    whose plane is farther is taken, so that the plane's distance does not jump where the nearest triangle changes.
+    Args:
+        gaps_mm: distance, counted from the gas: negative behind the surface, shape (n,).
+        corners: of the nearest triangle, those of the nearest feature first, shape (n, 3).
+        corner_count: 3: the triangle, 2: an edge of it, 1: a corner; shape (n,).
     """
+
+    gaps_mm: NDArray[np.float64]
+    corners: NDArray[np.int64]
+    corner_count: NDArray[np.int64]
+
+
+def _nearest(x: NDArray[np.float64], nodes: NDArray[np.int64], triangles: NDArray[np.int64]) -> _Nearest:
+    """Find what is nearest. Of triangles that share it, that with the farthest plane says on which side a node is."""
     points = x[nodes][:, None]
     a, b, c = (x[triangles[:, corner]] for corner in range(3))
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
-    height = np.sum((points - a) * normal, axis=2)  # (nodes, triangles), outward
+    height = np.sum((points - a) * normal, axis=2)  # (nodes, triangles), out of the gas
     foot = points - height[:, :, None] * normal
     inside = np.ones(height.shape, dtype=bool)
-    to_edges = np.full(height.shape, np.inf)
+    to_edges, parts = [], []
     for begin, end in ((a, b), (b, c), (c, a)):
         edge = end - begin
         inside &= np.sum((foot - begin) * np.cross(normal, edge), axis=2) >= 0.0
         part = np.clip(np.sum((points - begin) * edge, axis=2) / np.sum(edge**2, axis=1), 0.0, 1.0)
-        to_edges = np.minimum(to_edges, np.linalg.norm(points - begin - part[:, :, None] * edge, axis=2))
-    distance = np.where(inside, np.abs(height), to_edges)
-    nearest = (distance - 1e-6 * np.abs(height)).argmin(axis=1)
-    chosen = np.arange(nodes.size), nearest
-    return nearest, -height[chosen], -np.copysign(distance[chosen], height[chosen])
-
-
-def _gap_derivatives(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Slope (n, 12) and curvature (n, 12, 12) of g over (x, a, b, c), positions (n, 4, 3).
-
-    With p, u, v = x - a, b - a, c - a: g = -V / A, V = p . N, N = u x v, A = |N|.
-    """
-    p, u, v = corners[:, 0] - corners[:, 1], corners[:, 2] - corners[:, 1], corners[:, 3] - corners[:, 1]
-    count = len(corners)
-    n_vector = np.cross(u, v)
-    area = np.linalg.norm(n_vector, axis=1)
-    unit = n_vector / area[:, None]
-    volume = np.sum(p * n_vector, axis=1)
-
-    def turned(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.einsum("ijk,nk->nij", _LEVI_CIVITA, vector)
-
-    d_volume = np.concatenate([n_vector, np.cross(v, p), np.cross(p, u)], axis=1)
-    d_area = np.concatenate([np.zeros((count, 3)), np.cross(v, unit), np.cross(unit, u)], axis=1)
-    d2_volume, d2_area = np.zeros((count, 9, 9)), np.zeros((count, 9, 9))
-    for first, second, block in ((0, 3, turned(v)), (6, 0, turned(u)), (3, 6, turned(p))):
-        d2_volume[:, first : first + 3, second : second + 3] += block
-        d2_volume[:, second : second + 3, first : first + 3] += block.swapaxes(1, 2)
-    d_normal = np.concatenate([turned(v), -turned(u)], axis=2)  # dN / d(u, v), (n, 3, 6)
-    flat = (np.eye(3) - unit[:, :, None] * unit[:, None]) / area[:, None, None]
-    d2_area[:, 3:, 3:] = np.einsum("nia,nij,njb->nab", d_normal, flat, d_normal)
-    d2_area[:, 3:6, 6:] += turned(unit)
-    d2_area[:, 6:, 3:6] += turned(unit).swapaxes(1, 2)
-
-    ratio = volume / area
-    slope = (d_volume - ratio[:, None] * d_area) / area[:, None]
-    mixed = slope[:, :, None] * d_area[:, None]
-    curvature = (d2_volume - ratio[:, None, None] * d2_area - mixed - mixed.swapaxes(1, 2)) / area[:, None, None]
-    return -slope @ _LOCAL, -_LOCAL.T @ curvature @ _LOCAL
+        to_edges.append(np.linalg.norm(points - begin - part[:, :, None] * edge, axis=2))
+        parts.append(part)
+    distance = np.where(inside, np.abs(height), np.min(to_edges, axis=0))
+    triangle = (distance - 1e-6 * np.abs(height)).argmin(axis=1)
+    chosen = np.arange(nodes.size), triangle
+    edge = np.argmin([lengths[chosen] for lengths in to_edges], axis=0)
+    part = np.stack([part[chosen] for part in parts])[edge, chosen[0]]
+    at_end = part >= 1.0
+    first = np.where(inside[chosen], 0, edge + at_end)
+    corners = triangles[triangle][chosen[0][:, None], (first[:, None] + np.arange(3)) % 3]
+    on_edge = np.where((part > 0.0) & ~at_end, 2, 1)
+    return _Nearest(
+        gaps_mm=-np.copysign(distance[chosen], height[chosen]),
+        corners=corners,
+        corner_count=np.where(inside[chosen], 3, on_edge),
+    )

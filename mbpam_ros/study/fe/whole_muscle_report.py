@@ -236,10 +236,11 @@ def draw(rows: Sequence[dict], folder: Path) -> list[Path]:
     for index, row in enumerate(rows):
         axes = shapes.add_subplot(*grid, index + 1)
         axes.add_collection(PolyCollection(row["cut_mm"], facecolor="tab:gray", edgecolor="k", linewidth=0.15))
+        title = f"{row['name']}\n{row['theta_deg']:.1f} deg"
         if row["case"]["friction"] is not None:
             axes.axvline(-row["case"]["geometry"]["outer_radius_mm"], color="tab:red", linewidth=1.0)
-        axes.set(xlabel="x [mm]", ylabel="z [mm]")
-        axes.set_title(f"{row['name']}\n{row['theta_deg']:.1f} deg, {row['force_n']:.3f} N")
+            title += f", {row['force_n']:.3f} N"
+        axes.set(xlabel="x [mm]", ylabel="z [mm]", title=title)
         flat = sections.add_subplot(*grid, index + 1)
         for quads, side in zip(row["sections_mm"], (1.0, -1.0), strict=True):
             mirrored = np.array(quads) * (1.0, side)

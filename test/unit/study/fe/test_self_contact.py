@@ -113,12 +113,28 @@ def test_contact_pushes_apart_without_force_or_moment_on_the_whole(touching):
     assert np.cross(x, force).sum(axis=0) == pytest.approx(0.0, abs=1e-11)
 
 
-def test_the_nearest_triangle_and_the_gap_are_those_of_plain_geometry():
+def test_the_nearest_feature_and_the_gap_are_those_of_plain_geometry():
     square = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
-    points = np.array([[0.7, 0.2, -0.3], [0.2, 0.7, 0.1], [1.3, 0.5, -0.4]])
-    nearest, gap, distance = self_contact._gaps_mm(
-        np.vstack([square, points]), np.arange(4, 7), np.array([[0, 1, 2], [0, 2, 3]])
+    points = np.array([[0.7, 0.2, -0.3], [0.2, 0.7, 0.1], [1.3, 0.5, -0.4], [1.3, -0.4, 1.2]])
+    nearest = self_contact._nearest(np.vstack([square, points]), np.arange(4, 8), np.array([[0, 1, 2], [0, 2, 3]]))
+    assert nearest.gaps_mm == pytest.approx([0.3, -0.1, 0.5, -1.3])  # the normal, out of the gas, is +z
+    features = [set(row[:n]) for row, n in zip(nearest.corners.tolist(), nearest.corner_count, strict=True)]
+    assert features == [{0, 1, 2}, {0, 2, 3}, {1, 2}, {1}]
+
+
+def test_the_contacts_slope_does_not_jump_where_a_node_slides_over_an_edge():
+    """Onto a roof's other side and past its ridge, from behind; on the ridge the planes' distances have a kink."""
+    roof = np.array(
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, -0.5], [0.0, 1.0, -0.5], [1.0, -1.0, -0.5], [0.0, -1.0, -0.5]]
     )
-    assert nearest.tolist() == [0, 1, 0]
-    assert gap == pytest.approx([0.3, -0.1, 0.4])  # the normal, out of the gas, is +z
-    assert distance == pytest.approx([0.3, -0.1, 0.5])
+    contact = object.__new__(SelfContact)
+    contact._passes = [(np.array([6]), np.array([5.0]), np.array([[0, 1, 2], [0, 2, 3], [0, 4, 1], [0, 5, 4]]))]
+    ways = [np.vstack([roof, [0.4, y, 0.05]]) for y in np.linspace(-0.05, 0.05, 201)]
+    kinds = {touch.nodes.shape[1] for x in ways for touch in contact._touching(x)}
+    forces = np.array([contact.forces(x) for x in ways])
+    assert kinds == {3, 4}  # the ridge, and the triangles beside it
+    assert np.abs(forces).max() > 0.1
+    assert np.abs(np.diff(forces, axis=0)).max() < 0.01
+    middle, direction = ways[100], np.random.default_rng(1).standard_normal((7, 3))
+    ahead, behind = (contact.forces(middle + sign * 1e-6 * direction) for sign in (1.0, -1.0))
+    assert contact.tangent(middle) @ direction.ravel() == pytest.approx((ahead - behind).ravel() / 2e-6, abs=1e-5)
