@@ -112,7 +112,8 @@ def _ablations(
     for row in result["variants"]:
         progress.say(
             f"{row['name']}: theta {row['theta_rms_pct']:.1f} % rms, {row['theta_mean_pct']:+.1f} % mean, "
-            f"{row['theta_worst_pct']:+.1f} % worst; force {row['force_rms_pct']:.1f} % rms ({row['points']} points)"
+            f"{row['theta_worst_pct']:+.1f} % worst; force {row['force_rms_pct']:.1f} % rms ({row['points']} points); "
+            f"folds {row['least_fold_opening']:.2f} open, arm {row['least_arm_gap_mm']:+.2f} mm from the wall"
         )
     if pictures and result["variants"]:
         picture = path.with_suffix(".png")
@@ -149,7 +150,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--json", type=Path, metavar="FILE", help="where the comparison or the curve goes")
     parser.add_argument("--law", type=Path, metavar="FILE", help="where the law M(p, kappa) goes")
     parser.add_argument("--effects", action="store_true", help="effect of a, b, c and n")
-    parser.add_argument("--ablations", action="store_true", help="effect of mesh, wall, bulk modulus and ends")
+    parser.add_argument("--ablations", action="store_true", help="effect of mesh, wall, fillets, contact, ends")
     parser.add_argument("--design", metavar="A,B,C,N", help="one design: lengths a, b, c in mm, number of waves")
     parser.add_argument("--pattern", choices=PATTERNS, default="pdc", help="of --design")
     parser.add_argument(
@@ -161,6 +162,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--mesh", choices=MESHES, default="trilinear", help="elements (default: trilinear)")
     parser.add_argument("--wall", type=float, default=default.c_mm, metavar="C", help="wall c of the 32 designs [mm]")
     parser.add_argument("--waves", type=float, default=default.wave_count, metavar="N", help="waves of the 32 designs")
+    parser.add_argument(
+        "--wave-fillet", type=float, metavar="MM", help="radius of crests and valleys (default: cosine)"
+    )
+    parser.add_argument(
+        "--corner-fillet", type=float, default=0.0, metavar="MM", help="radius of the chambers' corners"
+    )
+    parser.add_argument("--self-contact", action="store_true", help="let the arms of the cross rest on the wall")
     parser.add_argument("--active-length", type=float, default=default.active_length_mm, metavar="MM")
     parser.add_argument("--end-length", type=float, default=END_LENGTH_MM, metavar="MM")
     parser.add_argument(
@@ -181,9 +189,10 @@ def _template(options: argparse.Namespace) -> Run:
             a_mm, b_mm, c_mm, waves = (float(part) for part in options.design.split(","))
         except ValueError as error:
             raise CommandError(f"--design wants four numbers A,B,C,N, found {options.design!r}") from error
-    geometry = CellGeometry(a_mm, b_mm, c_mm, waves, options.active_length)
+    fillets = {"wave_fillet_mm": options.wave_fillet, "corner_fillet_mm": options.corner_fillet}
+    geometry = CellGeometry(a_mm, b_mm, c_mm, waves, options.active_length, **fillets)
     ends = {"end_length_mm": options.end_length, "end_weight_factor": options.end_weight}
-    return Run(geometry, options.pattern, MESHES[options.mesh], **ends)
+    return Run(geometry, options.pattern, MESHES[options.mesh], **ends, self_contact=options.self_contact)
 
 
 def _points(options: argparse.Namespace) -> list[PaperPoint]:

@@ -30,7 +30,8 @@ from mbpam_ros.study.fe.unit_cell import UnitCell
 from mbpam_ros.study.fe.versions import library_versions
 
 NOMINAL_KPA = 100.0
-NOT_MODELLED = ("self-contact", "viscosity", "end caps", "sliding contact of the blocked tip")
+SELF_CONTACT, CONTACT_OF_FOLDS = "self-contact", "contact of folds"
+NOT_MODELLED = (SELF_CONTACT, "viscosity", "end caps", "sliding contact of the blocked tip")
 
 MESHES = {
     "trilinear": Resolution(),
@@ -58,6 +59,7 @@ class Run:
         geometry, pattern, resolution, silicone: of the unit cell.
         end_length_mm: straight piece at each end.
         end_weight_factor: its weight per length over the waved part's mean.
+        self_contact: of the cross's arms with the wall of chambers without pressure.
 
     Raises:
         ValueError: an end's length or weight is negative or not finite.
@@ -69,6 +71,7 @@ class Run:
     silicone: Silicone = field(default_factory=Silicone)
     end_length_mm: float = END_LENGTH_MM
     end_weight_factor: float = END_WEIGHT_FACTOR
+    self_contact: bool = False
 
     def __post_init__(self) -> None:
         for name in ("end_length_mm", "end_weight_factor"):
@@ -78,7 +81,14 @@ class Run:
 
     def cell(self, control: StepControl | None = None) -> UnitCell:
         """Return the unit cell of this job."""
-        return UnitCell(self.geometry, self.pattern, self.resolution, self.silicone, control=control)
+        return UnitCell(
+            self.geometry,
+            self.pattern,
+            self.resolution,
+            self.silicone,
+            control=control,
+            self_contact=self.self_contact,
+        )
 
     def muscle_geometry(self) -> MuscleGeometry:
         """Return the muscle as a rod, its weight that of the waved part."""
@@ -100,7 +110,8 @@ class Run:
 
 
 def nominal_values(run: Run, end_weight_factors: Sequence[float] = ()) -> dict[str, object]:
-    """Return what one design does at 100 kPa: bend [deg] without and with weight, held-straight moment, blocked force.
+    """Return what one design does at 100 kPa: bend [deg] without and with weight, held-straight moment, blocked force,
+    clearance of the freely bent cell.
 
     The law's samples come with it, so that other postures and weights need no finite elements.
 
@@ -124,6 +135,7 @@ def nominal_values(run: Run, end_weight_factors: Sequence[float] = ()) -> dict[s
         "theta_deg": math.degrees(upright_rad),
         "straight_moment_n_mm": moment_n_mm,
         "force_n": 1e-3 * moment_n_mm * blocked_tip_force_per_moment(run.muscle_geometry()),
+        **asdict(cell.clearance(free)),
         **({"theta_deg_by_end_weight": np.degrees(others_rad).tolist()} if others_rad else {}),
         "bend_samples_deg": np.degrees(law.bend_rad).tolist(),
         "moment_samples_n_mm": law.moment_n_mm.tolist(),
@@ -148,13 +160,18 @@ def bend_curve(run: Run, pressures_kpa: Sequence[float]) -> dict[str, list[float
 
 def settings(run: Run) -> dict[str, object]:
     """Return what the numbers depend on besides a and b, and the versions they were made with."""
-    geometry = asdict(run.geometry)
+    geometry = run.geometry.settings()
+    wave = (
+        "R - a/2 (1 - cos(2 pi z / lambda))" if run.geometry.wave_fillet_mm is None else "of arcs and straight flanks"
+    )
     del geometry["a_mm"], geometry["b_mm"]
     return {
-        "convention": "outer radius R - a/2 (1 - cos(2 pi z / lambda)); radial wall c; chambers x, y > b/2",
+        "convention": f"outer radius {wave}; radial wall c; chambers x, y > b/2",
         "geometry": {**geometry, "end_length_mm": run.end_length_mm, "end_weight_factor": run.end_weight_factor},
         "resolution": run.resolution.settings(),
         "silicone": asdict(run.silicone),
-        "not_modelled": list(NOT_MODELLED),
+        "not_modelled": [
+            CONTACT_OF_FOLDS if run.self_contact and what == SELF_CONTACT else what for what in NOT_MODELLED
+        ],
         "versions": library_versions(),
     }

@@ -9,6 +9,8 @@ arms of a cross of thickness b:
     r_o(z) = R - a/2 (1 - cos(2 pi z / lambda)),   r_i = r_o - c,   chamber 1: x, y > b/2, r < r_i,
     lambda = active length / number of waves.
 
+Crests and valleys may be circular instead, and the chambers' corners rounded (:mod:`~mbpam_ros.study.fe.fillets`).
+
 One octant of the section (0 to 45 deg) is meshed with five blocks - three in the core of the cross, one in the arm,
 one in the wall - then mirrored and turned. Of a half section the bending plane is y = 0 and the mesh fills y >= 0. It
 holds chambers 1 and 2 for ``pdc`` (4 and 3 are their mirror images); for ``psc`` the muscle is turned by -45 deg and
@@ -24,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.configuration import require_positive
+from mbpam_ros.study.fe.fillets import ChamberOutline, filleted_wave_depth_mm, largest_wave_fillet_mm
 from mbpam_ros.study.fe.tetrahedra import CUT, cut_cells
 
 PATTERNS = ("pdc", "psc")
@@ -55,9 +58,11 @@ class CellGeometry:
         wave_count: number of waves n over the active length (our reading: 14).
         active_length_mm: waved length.
         outer_radius_mm: radius at the crests.
+        wave_fillet_mm: radius of crests and valleys, between which the flanks are straight; None: the cosine.
+        corner_fillet_mm: radius of the chambers' corners at the cross and between arm and wall; 0: sharp.
 
     Raises:
-        CellGeometryError: the chambers would vanish in the valleys.
+        CellGeometryError: the chambers would vanish in the valleys, or a fillet has no room.
         ValueError: a length is not positive and finite.
     """
 
@@ -67,6 +72,8 @@ class CellGeometry:
     wave_count: float = 14.0
     active_length_mm: float = 100.0
     outer_radius_mm: float = 10.0
+    wave_fillet_mm: float | None = None
+    corner_fillet_mm: float = 0.0
 
     def __post_init__(self) -> None:
         require_positive(self, "b_mm", "c_mm", "wave_count", "active_length_mm", "outer_radius_mm")
@@ -78,6 +85,24 @@ class CellGeometry:
                 f"no chamber is left in the valleys: inner radius {valley_mm:g} mm, corner of the cross at "
                 f"{math.sqrt(0.5) * self.b_mm:g} mm; make a, b or c smaller"
             )
+        self._require_room_for_fillets(valley_mm)
+
+    def _require_room_for_fillets(self, valley_mm: float) -> None:
+        if self.wave_fillet_mm is not None:
+            largest_mm = largest_wave_fillet_mm(self.a_mm, self.wave_length_mm) if self.a_mm else math.inf
+            if not 0.0 < self.wave_fillet_mm <= largest_mm:
+                raise CellGeometryError(
+                    f"wave_fillet_mm = {self.wave_fillet_mm} is not within 0 .. {largest_mm:.4g} mm, above which no "
+                    "flank is left between crest and valley"
+                )
+        if not self.corner_fillet_mm >= 0.0:
+            raise CellGeometryError(f"corner_fillet_mm must not be negative, found {self.corner_fillet_mm}")
+        side_mm = 0.5 * self.b_mm + self.corner_fillet_mm
+        if self.corner_fillet_mm and not math.sqrt(2.0) * side_mm < valley_mm - self.corner_fillet_mm:
+            raise CellGeometryError(
+                f"corner fillets of {self.corner_fillet_mm} mm meet in the valleys, where the wall's inner radius is "
+                f"{valley_mm:g} mm; make them smaller"
+            )
 
     @property
     def wave_length_mm(self) -> float:
@@ -86,17 +111,28 @@ class CellGeometry:
 
     def outer_radius_at(self, z_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the outer radius [mm] at ``z_mm``, a crest being at 0."""
+        if self.wave_fillet_mm is not None and self.a_mm:
+            return self.outer_radius_mm - filleted_wave_depth_mm(
+                z_mm, self.a_mm, self.wave_length_mm, self.wave_fillet_mm
+            )
         return self.outer_radius_mm - 0.5 * self.a_mm * (1.0 - np.cos(2.0 * np.pi * z_mm / self.wave_length_mm))
 
     def chamber_area_at(self, z_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the area [mm2] of one chamber's section: a quarter disc without the arms of the cross.
+        """Return the area [mm2] of one chamber's section: a quarter disc without the arms of the cross."""
+        return self.chamber_outline(self.outer_radius_at(z_mm)).area_mm2()
 
-        With h = b/2, r the inner radius and s = sqrt(r^2 - h^2): the sector between the two wall corners, minus the
-        two triangles between its sides and the chamber's corner (h, h).
-        """
-        r, h = self.outer_radius_at(z_mm) - self.c_mm, 0.5 * self.b_mm
-        s = np.sqrt(r**2 - h**2)
-        return 0.5 * r**2 * (0.5 * np.pi - 2.0 * np.arcsin(h / r)) - h * (s - h)
+    def chamber_outline(self, outer_mm: NDArray[np.float64]) -> ChamberOutline:
+        """Return the outline of a chamber's octant where the outer radius is ``outer_mm``, shape (k,)."""
+        return ChamberOutline(0.5 * self.b_mm, outer_mm - self.c_mm, self.corner_fillet_mm)
+
+    def settings(self) -> dict[str, object]:
+        """Return what tells this geometry from others; one without fillets says nothing of them."""
+        fields = asdict(self)
+        if self.wave_fillet_mm is None:
+            del fields["wave_fillet_mm"]
+        if self.corner_fillet_mm == 0.0:
+            del fields["corner_fillet_mm"]
+        return fields
 
 
 @dataclass(frozen=True)
@@ -153,6 +189,7 @@ class CellMesh:
             (:mod:`~mbpam_ros.study.fe.tetrahedra`).
         faces: per meshed chamber (1 to 4) the wall faces, shape (faces, 4 or 8), normal pointing out of the gas; of
             tetrahedra (faces, 5), four triangles around the last node.
+        on_arm: per chamber whether a face belongs to an arm of the cross; the others belong to the outer wall.
         rims: per chamber the edges around its opening at z = ``length_mm``, shape (edges, 2 or 3; the middle node
             last), counter-clockwise around the gas seen from +z.
         length_mm: of the cell.
@@ -161,6 +198,7 @@ class CellMesh:
     points_mm: NDArray[np.float64]
     cells: NDArray[np.int64]
     faces: dict[int, NDArray[np.int64]]
+    on_arm: dict[int, NDArray[np.bool_]]
     rims: dict[int, NDArray[np.int64]]
     length_mm: float
 
@@ -181,7 +219,10 @@ def unit_cell_mesh(geometry: CellGeometry, resolution: Resolution, section: str,
     blocks, patches = octant_blocks(geometry, resolution, z, geometry.outer_radius_at(z))
     nodes = numbered_section(blocks, patches, section, order)
     rims: dict[int, list[NDArray[np.int64]]] = {}
-    for chamber, ids in nodes.walls:
+    on_arm: dict[int, list[NDArray[np.bool_]]] = {}
+    for index, (chamber, ids) in enumerate(nodes.walls):
+        count = math.prod((size - 1) // order for size in ids.shape)
+        on_arm.setdefault(chamber, []).append(np.full(count, index % len(patches) == 0))  # the arm's patch comes first
         rim = ids[:, -1]
         ends = [rim[:-1:order], rim[order::order]] + ([rim[1::order]] if order == 2 else [])
         rims.setdefault(chamber, []).append(np.stack(ends, axis=1))
@@ -193,6 +234,7 @@ def unit_cell_mesh(geometry: CellGeometry, resolution: Resolution, section: str,
         points_mm=points,
         cells=cells,
         faces=faces,
+        on_arm={chamber: np.concatenate(parts) for chamber, parts in on_arm.items()},
         rims={chamber: np.concatenate(parts) for chamber, parts in rims.items()},
         length_mm=length,
     )
@@ -208,15 +250,18 @@ def octant_blocks(
 
     Args:
         z, outer: node planes and the outer radius on each [mm], shape (planes,).
+
+    Raises:
+        CellGeometryError: too few elements for rounded corners.
     """
     order = 2 if resolution.quadratic else 1
-    half = 0.5 * geometry.b_mm
-    inner = outer - geometry.c_mm
-    arm, wall, spoke, sector = (
-        order * n for n in (resolution.arm, resolution.wall, resolution.spoke, resolution.sector)
-    )
+    half, inner = 0.5 * geometry.b_mm, outer - geometry.c_mm
+    outline = geometry.chamber_outline(outer)
+    arm, wall = order * resolution.arm, order * resolution.wall
+    if geometry.corner_fillet_mm and min(resolution.spoke, resolution.sector) < 2:
+        raise CellGeometryError("rounded corners take two elements or more along the spoke and around the sector")
 
-    corners = half * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    corners = np.array([[0.0, 0.0], [half, 0.0], [outline.cross_mm, outline.cross_mm]])
     middle = corners.mean(axis=0)
     blocks = []
     for index in range(3):  # a triangle cut into three quadrilaterals
@@ -224,17 +269,35 @@ def octant_blocks(
         flat = bilinear(here, 0.5 * (here + after), middle, 0.5 * (here + before), (arm // 2, arm // 2))
         blocks.append(extruded(np.broadcast_to(flat[:, :, None, :], (*flat.shape[:2], z.size, 2)), z))
 
-    y = np.linspace(0.0, half, arm + 1)
-    arm_angle = np.arcsin(y[:, None] / inner)  # (j, k)
-    along = np.linspace(0.0, 1.0, spoke + 1)[:, None, None]
-    x = (1.0 - along) * half + along * inner * np.cos(arm_angle)
-    blocks.append(extruded(np.stack([x, np.broadcast_to(y[:, None], x.shape)], axis=-1), z))
+    across = np.linspace(0.0, 1.0, arm + 1)[:, None]
+    joint = outline.joint_mm
+    radius = (1.0 - across) * inner + across * np.hypot(*joint.T)  # of the arm's far side, (j, k)
+    y = across * joint[:, 1]
+    far_side = np.stack([np.sqrt(radius**2 - y**2), y], axis=-1)
+    near_side = np.linspace(np.broadcast_to(corners[1], joint.shape), np.broadcast_to(corners[2], joint.shape), arm + 1)
+    arm_side = outline.arm_side_mm(resolution.spoke, order)
+    along = np.linspace(0.0, 1.0, len(arm_side))[:, None, None]
+    bottom = (1.0 - along[:, 0]) * half + along[:, 0] * inner
+    middle_line = np.stack([bottom, np.zeros_like(bottom)], axis=-1)
+    blocks.append(extruded(coons(middle_line, arm_side, near_side, far_side), z))
 
-    around = np.linspace(0.0, 1.0, sector + 1)[1:, None]
-    angle = np.concatenate([arm_angle, (1.0 - around) * arm_angle[-1] + around * 0.25 * np.pi])
-    radius = inner + np.linspace(0.0, 1.0, wall + 1)[:, None, None] * (outer - inner)
+    wall_side = np.concatenate([far_side, outline.wall_side_mm(resolution.sector, order)[1:]])
+    angle, radius = np.arctan2(wall_side[..., 1], wall_side[..., 0]), np.hypot(wall_side[..., 0], wall_side[..., 1])
+    radius = radius + np.linspace(0.0, 1.0, wall + 1)[:, None, None] * (outer - radius)
     blocks.append(extruded(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), z))
     return blocks, [blocks[3][:, -1], blocks[4][0, arm:]]
+
+
+def coons(
+    bottom: NDArray[np.float64], top: NDArray[np.float64], left: NDArray[np.float64], right: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return Coons' patch of four sides, shape (i, j, ...): bottom and top (i, ...) along the first index, left and
+    right (j, ...) along the second."""
+    s = np.linspace(0.0, 1.0, len(bottom)).reshape(-1, 1, *(1,) * (bottom.ndim - 1))
+    t = np.linspace(0.0, 1.0, len(left)).reshape(1, -1, *(1,) * (left.ndim - 1))
+    ruled = (1 - t) * bottom[:, None] + t * top[:, None] + (1 - s) * left[None] + s * right[None]
+    corners = (1 - s) * ((1 - t) * bottom[0] + t * top[0]) + s * ((1 - t) * bottom[-1] + t * top[-1])
+    return ruled - corners
 
 
 def bilinear(

@@ -23,7 +23,7 @@ from mbpam_ros.study.fe.mesh import (
     CellGeometry,
     CellGeometryError,
     Resolution,
-    bilinear,
+    coons,
     extruded,
     numbered_section,
     octant_blocks,
@@ -160,16 +160,8 @@ def _filled_chamber(
         return np.linspace(start, middle, count + 1)
 
     quarters = [
-        _coons(arm_side[: c + 1], to_middle(on_diagonal, c), diagonal[a:][::-1], to_middle(on_arm, m)),
-        _coons(wall_side[: m + 1], to_middle(on_arm, m), arm_side[c:][::-1], to_middle(on_wall, a)),
-        _coons(diagonal[: a + 1], to_middle(on_wall, a), wall_side[m:][::-1], to_middle(on_diagonal, c)),
+        coons(arm_side[: c + 1], to_middle(on_diagonal, c), diagonal[a:][::-1], to_middle(on_arm, m)),
+        coons(wall_side[: m + 1], to_middle(on_arm, m), arm_side[c:][::-1], to_middle(on_wall, a)),
+        coons(diagonal[: a + 1], to_middle(on_wall, a), wall_side[m:][::-1], to_middle(on_diagonal, c)),
     ]
     return [extruded(np.repeat(flat[:, :, None], z.size, axis=2), z) for flat in quarters]
-
-
-def _coons(bottom: NDArray, top: NDArray, left: NDArray, right: NDArray) -> NDArray[np.float64]:
-    """Coons' patch of four sides (n, 2): bottom and top along the first index, left and right along the second."""
-    s = np.linspace(0.0, 1.0, len(bottom))[:, None, None]
-    t = np.linspace(0.0, 1.0, len(left))[None, :, None]
-    ruled = (1 - t) * bottom[:, None] + t * top[:, None] + (1 - s) * left[None] + s * right[None]
-    return ruled - bilinear(bottom[0], bottom[-1], top[-1], top[0], (len(bottom) - 1, len(left) - 1))

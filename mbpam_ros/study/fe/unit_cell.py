@@ -4,18 +4,20 @@ In a long uniform wave the crest and valley planes are mirror planes. The cell i
 nodes slide, and an end plane through a point of the z axis, at z = length + w, that turns by psi about x and then by
 phi about y; nodes slide on it too. The cell's equilibria are the stationary points of the potential [N mm]
 
-    Pi(q) = W(x(q)) - sum_c p_c V_c(x(q)) - M phi - N psi,   q = (free nodal coordinates, phi, psi, w),
+    Pi(q) = W(x(q)) + E(x(q)) - sum_c p_c V_c(x(q)) - M phi - N psi,   q = (free nodal coordinates, phi, psi, w),
 
-with W the elastic energy, V_c the gas volume up to the end plane (:mod:`~mbpam_ros.study.fe.chamber_volume`) and
-p_c = share_c p the pressure of chamber c; dPi/dw = 0 says that no axial force acts beyond the gas thrust. A node of the
-end plane lies at
+with W the elastic energy, E that of arms on the wall of chambers without pressure, if contact is asked for
+(:mod:`~mbpam_ros.study.fe.self_contact`), V_c the gas volume up to the end plane
+(:mod:`~mbpam_ros.study.fe.chamber_volume`) and p_c = share_c p the pressure of chamber c; dPi/dw = 0 says that no axial
+force acts beyond the gas thrust. A node of the end plane lies at
 
     x = (0, 0, length + w) + xi e1 + eta e2,   (e1, e2, n) = R_y(-phi) R_x(psi).
 
 phi > 0 turns the end away from +x, psi > 0 away from +y. A half section is symmetric about y = 0 and has no psi; all
 values a user sees are those of the whole section. Lengths in mm, forces in N, stresses and pressures in MPa.
 
-Not modelled: contact of the wall with itself or with another chamber's wall, viscosity, and the section's weight.
+Not modelled: contact of neighbouring folds (:meth:`UnitCell.clearance` tells how near they come), viscosity, and the
+section's weight.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from mbpam_ros.study.fe.chamber_volume import ChamberVolume
 from mbpam_ros.study.fe.material import Silicone
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution, unit_cell_mesh
+from mbpam_ros.study.fe.self_contact import Clearance, SelfContact, clearance
 from mbpam_ros.study.fe.solid_body import SolidBody
 from mbpam_ros.study.fe.solve import LinearSolver, LoadStepError, StepControl, follow_load, linear_solver
 
@@ -73,6 +76,8 @@ class UnitCell:
         solve: sparse solver; by default the fastest one installed.
         control: of the load steps.
         shares: pressure of each meshed chamber over p; the mirror images have the same. By default 1 in chamber 1.
+        self_contact: let the cross's arms come to rest on the wall of chambers without pressure; else they pass
+            through it.
 
     Raises:
         ValueError: unknown pattern, or a share for a chamber that is not in the mesh.
@@ -88,6 +93,7 @@ class UnitCell:
         solve: LinearSolver | None = None,
         control: StepControl | None = None,
         shares: Mapping[int, float] | None = None,
+        self_contact: bool = False,
     ) -> None:
         self.geometry = geometry
         self.pattern = pattern
@@ -107,6 +113,7 @@ class UnitCell:
             chamber: ChamberVolume(self.mesh.faces[chamber], self.mesh.rims[chamber], cover_node)
             for chamber in self._shares
         }
+        self._contact = SelfContact(self.mesh, self.mesh.faces.keys() - self._shares) if self_contact else None
         self._copies = _COPIES[pattern]
         self._last_forces: tuple = (None, np.zeros(0))
         self._number_unknowns()
@@ -199,6 +206,11 @@ class UnitCell:
         x = self.positions_mm(unknowns)
         return self._copies * sum(gas.value(x) for gas in self._gas.values())
 
+    def clearance(self, state: CellState) -> Clearance:
+        """Return how near folds and walls come to touching."""
+        normal = np.cross(*self._end_axes(state.unknowns).T)
+        return clearance(self.mesh, self.positions_mm(state.unknowns), normal, self._shares.keys())
+
     def section_turn_rad(self, unknowns: NDArray[np.float64]) -> float:
         """Return by how much the section at z = 0 is turned about z, least squares over its nodes.
 
@@ -215,7 +227,8 @@ class UnitCell:
         """Return Pi of the meshed section [N mm], without outer moment."""
         x = self.positions_mm(unknowns)
         work = sum(self._shares[chamber] * gas.value(x) for chamber, gas in self._gas.items())
-        return self._body.energy(x[:-1]) - pressure_gauge_mpa * work
+        energy = self._body.energy(x[:-1]) + (self._contact.energy(x) if self._contact else 0.0)
+        return energy - pressure_gauge_mpa * work
 
     def forces(self, unknowns: NDArray[np.float64], pressure_gauge_mpa: float) -> NDArray[np.float64]:
         """Return dPi/dq of the meshed section; the last ones are the moments [N mm] and the axial force [N]."""
@@ -232,6 +245,8 @@ class UnitCell:
             values, rows, columns = gas.hessian_entries(x)
             values = self._shares[chamber] * pressure_gauge_mpa * values
             stiffness = stiffness - coo_matrix((values, (rows, columns)), (size, size)).tocsr()
+        if self._contact:
+            stiffness = stiffness + self._contact.tangent(x)
         jacobian = self._jacobian(unknowns)
         return (jacobian.T @ stiffness @ jacobian + self._curvature(unknowns, x, pressure_gauge_mpa)).tocsr()
 
@@ -244,6 +259,8 @@ class UnitCell:
         force[:-1] = self._body.forces(x[:-1])
         for chamber, gas in self._gas.items():
             force -= self._shares[chamber] * pressure_gauge_mpa * gas.gradient(x)
+        if self._contact:
+            force += self._contact.forces(x)
         self._last_forces = (x, pressure_gauge_mpa), force.ravel()
         return self._last_forces[1]
 

@@ -5,8 +5,9 @@
     whole_muscle_report --json FILE --pictures DIR        and pictures of the deformed muscles, with matplotlib
 
 ``unit_cell`` sets the weightless muscle beside as many unit cells; ``ends`` compares end pieces under gravity;
-``plate`` blocks the tip by a plate, with and without friction, and for three thicknesses b of the cross; ``mesh``
-refines the elements. A muscle takes minutes. FILE is kept up to date, and muscles that it holds are not run again.
+``plate`` blocks the tip by a plate, with and without friction and weight, and for three thicknesses b of the cross;
+``mesh`` refines the elements. A muscle takes minutes. FILE is kept up to date, and muscles that it holds are not run
+again.
 """
 
 from __future__ import annotations
@@ -97,6 +98,8 @@ def plate_cases() -> dict[str, Case]:
         "blocked, psc": replace(paper, pattern="psc"),
         "blocked, no friction": replace(paper, friction=0.0),
         "blocked, held": replace(paper, friction=STICKING),
+        "blocked, no weight": replace(paper, gravity_factor=0.0),
+        "blocked, weightless ends": replace(paper, ends=EndPieces(density_factor=0.0)),
     }
 
 
@@ -233,10 +236,11 @@ def draw(rows: Sequence[dict], folder: Path) -> list[Path]:
     for index, row in enumerate(rows):
         axes = shapes.add_subplot(*grid, index + 1)
         axes.add_collection(PolyCollection(row["cut_mm"], facecolor="tab:gray", edgecolor="k", linewidth=0.15))
+        title = f"{row['name']}\n{row['theta_deg']:.1f} deg"
         if row["case"]["friction"] is not None:
             axes.axvline(-row["case"]["geometry"]["outer_radius_mm"], color="tab:red", linewidth=1.0)
-        axes.set(xlabel="x [mm]", ylabel="z [mm]")
-        axes.set_title(f"{row['name']}\n{row['theta_deg']:.1f} deg, {row['force_n']:.3f} N")
+            title += f", {row['force_n']:.3f} N"
+        axes.set(xlabel="x [mm]", ylabel="z [mm]", title=title)
         flat = sections.add_subplot(*grid, index + 1)
         for quads, side in zip(row["sections_mm"], (1.0, -1.0), strict=True):
             mirrored = np.array(quads) * (1.0, side)

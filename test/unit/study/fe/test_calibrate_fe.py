@@ -10,6 +10,8 @@ pytest.importorskip("felupe")
 
 from mbpam_ros.study.fe import commands  # noqa: E402
 from mbpam_ros.study.fe.calibrate_fe import main  # noqa: E402
+from mbpam_ros.study.fe.design_run import Run, settings  # noqa: E402
+from mbpam_ros.study.fe.mesh import CellGeometry  # noqa: E402
 from mbpam_ros.study.fe.solve import LoadStepError  # noqa: E402
 
 COMMAND = [sys.executable, "-u", "-m", "mbpam_ros.study.fe.calibrate_fe"]
@@ -30,6 +32,8 @@ COMMAND = [sys.executable, "-u", "-m", "mbpam_ros.study.fe.calibrate_fe"]
         ["--points", "table_9:1", "--json", "x"],
         ["--workers", "0", "--json", "x"],
         ["--end-length", "-1", "--json", "x"],
+        ["--wave-fillet", "3", "--json", "x"],
+        ["--corner-fillet", "-1", "--json", "x"],
     ],
 )
 def test_what_cannot_be_run_is_said_in_one_line(arguments, capsys, tmp_path, monkeypatch):
@@ -69,6 +73,24 @@ def test_a_design_gives_its_curve_and_nothing_else(monkeypatch, tmp_path, capsys
     assert curve["p_kpa"] == [0.0, 20.0]
     assert curve["theta_deg"][0] == pytest.approx(0.0, abs=1e-6) and curve["theta_deg"][1] > 1.0
     assert "the curve took" in capsys.readouterr().out
+
+
+def test_fillets_and_contact_reach_the_run_and_its_settings(monkeypatch, tmp_path):
+    seen = {}
+
+    def compare(template, path, executor, progress, points):
+        seen["run"] = template
+        return {"errors": {}, "points": [], "failures": {}}
+
+    monkeypatch.setattr(commands, "compare_with_paper", compare)
+    monkeypatch.setattr(commands, "open_executor", threads)
+    options = ["--wave-fillet", "1.4", "--corner-fillet", "0.3", "--self-contact", "--json", str(tmp_path / "x.json")]
+    assert main(options) == 0
+    run = seen["run"]
+    assert (run.geometry.wave_fillet_mm, run.geometry.corner_fillet_mm, run.self_contact) == (1.4, 0.3, True)
+    told, default = settings(run), settings(Run(CellGeometry(), "pdc"))
+    assert told["geometry"]["wave_fillet_mm"] == 1.4 and "arcs" in told["convention"]
+    assert "self-contact" in default["not_modelled"] and "self-contact" not in told["not_modelled"]
 
 
 def test_an_interrupt_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path):

@@ -101,3 +101,22 @@ def test_a_mesh_that_cannot_be_is_refused(counts):
 def test_an_unknown_pattern_is_refused():
     with pytest.raises(ValueError, match="pdc, psc"):
         unit_cell_mesh(GEOMETRY, Resolution(), "all")
+
+
+@BOTH_ELEMENTS
+@BOTH_PATTERNS
+def test_a_mesh_with_fillets_fills_half_the_muscle_with_solid_and_gas(pattern, quadratic):
+    geometry = CellGeometry(wave_fillet_mm=1.5, corner_fillet_mm=0.5)
+    fine = Resolution(wave=32, wall=2, arm=2, spoke=6, sector=12, quadratic=quadratic)
+    mesh = unit_cell_mesh(geometry, fine, pattern)
+    assert cell_volumes(mesh).min() > 0.0
+    z = np.linspace(0.0, mesh.length_mm, 201)
+    half_muscle = simpson(0.5 * math.pi * geometry.outer_radius_at(z) ** 2, mesh.length_mm)
+    gas = sum(chamber_volume(mesh, chamber) for chamber in mesh.faces)
+    assert gas == pytest.approx(2.0 * simpson(geometry.chamber_area_at(z), mesh.length_mm), rel=5e-3)
+    assert cell_volumes(mesh).sum() + gas == pytest.approx(half_muscle, rel=2.5e-3)
+
+
+def test_rounded_corners_ask_for_elements():
+    with pytest.raises(CellGeometryError, match="two elements"):
+        unit_cell_mesh(CellGeometry(corner_fillet_mm=0.4), Resolution(sector=1), "pdc")

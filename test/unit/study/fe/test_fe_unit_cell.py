@@ -311,3 +311,26 @@ def test_the_opposite_chamber_of_a_half_section_takes_bend_away(bent):
 def test_a_pressure_for_a_chamber_that_is_not_meshed_is_refused():
     with pytest.raises(ValueError, match=r"'pdc' holds chambers \[1, 2\], not \[4\]"):
         UnitCell(CellGeometry(), "pdc", SMALL, shares={1: 1.0, 4: 1.0})
+
+
+def test_with_contact_thin_arms_rest_on_the_wall_they_pass_through_without():
+    geometry, mesh = CellGeometry(a_mm=1.8, b_mm=1.0), Resolution(wave=2, wall=1, arm=2, spoke=3, sector=3)
+    free, kept = (UnitCell(geometry, "pdc", mesh, self_contact=contact) for contact in (False, True))
+    through, resting = free.free_bend(0.08), kept.free_bend(0.08)
+    assert free.clearance(through).arm_gap_mm < -0.2
+    assert -0.03 < kept.clearance(resting).arm_gap_mm < 0.01
+    assert kept.clearance(resting).fold_opening > 0.5
+    assert np.abs(kept.forces(resting.unknowns, 0.08)).max() < 1e-7
+    early = free.free_bend(0.03)  # before the touch contact changes nothing
+    assert kept.free_bend(0.03).angle_rad == pytest.approx(early.angle_rad, rel=1e-9)
+
+
+def test_the_tangent_with_contact_is_the_slope_of_the_forces():
+    geometry, mesh = CellGeometry(a_mm=1.8, b_mm=1.0), Resolution(wave=2, wall=1, arm=2, spoke=3, sector=3)
+    cell = UnitCell(geometry, "pdc", mesh, self_contact=True)
+    unknowns = UnitCell(geometry, "pdc", mesh).free_bend(0.07).unknowns  # some nodes a little behind the wall
+    direction, step = np.random.default_rng(8).standard_normal(cell.unknown_count), 1e-7
+    ahead, behind = (cell.forces(unknowns + sign * step * direction, 0.07) for sign in (1.0, -1.0))
+    slope = (ahead - behind) / (2 * step)
+    assert abs(cell.tangent(unknowns, 0.07) @ direction - slope).max() < 1e-6 * np.abs(slope).max()
+    assert np.abs(slope - UnitCell(geometry, "pdc", mesh).tangent(unknowns, 0.07) @ direction).max() > 0.1

@@ -95,3 +95,11 @@ def test_a_muscle_that_does_not_end_in_a_crest_is_refused_and_so_is_a_mesh_that_
         muscle_mesh(GEOMETRY, Resolution(spoke=1), "pdc")
     with pytest.raises(ValueError, match="pdc, psc"):
         muscle_mesh(GEOMETRY, SMALL, "all")
+
+
+@BOTH_ENDS
+def test_a_muscle_with_fillets_has_cells_of_positive_volume(ends):
+    geometry = CellGeometry(wave_count=2.0, active_length_mm=14.0, wave_fillet_mm=1.5, corner_fillet_mm=0.5)
+    mesh = muscle_mesh(geometry, Resolution(wave=4), "pdc", ends)
+    assert cell_volumes(mesh).min() > 0.0
+    assert cKDTree(mesh.points_mm).query(mesh.points_mm, k=2)[0][:, 1].min() > 0.05
