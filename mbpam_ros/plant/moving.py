@@ -109,8 +109,8 @@ class RodTier(Tier):
     ) -> None:
         state = State(*(part.copy() for part in self._state))
         drive = Drive(
-            np.stack([before.moment_n_m, after.moment_n_m]),
-            np.stack([before.stiffness_n_m2, after.stiffness_n_m2]),
+            np.array((before.moment_n_m, after.moment_n_m)),
+            np.array((before.stiffness_n_m2, after.stiffness_n_m2)),
             hand_height_m,
             hand_velocity_m_s,
         )

@@ -311,7 +311,7 @@ def _touch(
 def _advance(
     state: State, drive: Drive, system: System, contacts: Contacts, motion: Motion, forces: Forces
 ) -> tuple[int, int]:
-    """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps."""
+    """Do the work of :func:`advance`."""
     steps, size, muscles = drive.heights.shape[0] - 1, state.velocity.shape[0], state.shape.shape[0]
     fingers = system.bases.shape[0]
     h, v = system.step_s, state.velocity
@@ -369,7 +369,7 @@ def _advance(
     return OK, iterations
 
 
-def _cached(source_digest: int) -> Callable[[State, Drive, System, Contacts, Motion, Forces], tuple[int, int]]:
+def _cached(source_digest: int) -> Callable[..., tuple[int, int]]:
     """Compile ``_advance`` into the cache on disk.
 
     The cache only watches the file of the cached function. A digest of all sources it is built from, being part of
@@ -377,14 +377,18 @@ def _cached(source_digest: int) -> Callable[[State, Drive, System, Contacts, Mot
     """
 
     @njit(cache=True)
-    def advance(
-        state: State, drive: Drive, system: System, contacts: Contacts, motion: Motion, forces: Forces
+    def advance_plain(
+        state: tuple, drive: tuple, system: tuple, contacts: tuple, motion: tuple, forces: tuple
     ) -> tuple[int, int]:
         if source_digest < 0:
             return NOT_SOLVED, 0
-        return _advance(state, drive, system, contacts, motion, forces)
+        step_s, sweeps, gravity, bases, rod, retardation, mass, inertia, surroundings, laws = system
+        named = System(
+            step_s, sweeps, gravity, bases, Rod(*rod), retardation, mass, inertia, Surroundings(*surroundings), laws
+        )
+        return _advance(State(*state), Drive(*drive), named, Contacts(*contacts), Motion(*motion), Forces(*forces))
 
-    return advance
+    return advance_plain
 
 
 def _source_digest() -> int:
@@ -394,4 +398,16 @@ def _source_digest() -> int:
     return digest
 
 
-advance = _cached(_source_digest())
+_advance_plain = _cached(_source_digest())
+
+
+def advance(
+    state: State, drive: Drive, system: System, contacts: Contacts, motion: Motion, forces: Forces
+) -> tuple[int, int]:
+    """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps.
+
+    The border to compiled code is crossed in plain tuples: numba looks up the type of a named one in Python, which
+    takes several times as long as a sub-step.
+    """
+    plain = (*system[:4], tuple(system.rod), *system[5:8], tuple(system.surroundings), system.laws)
+    return _advance_plain(tuple(state), tuple(drive), plain, tuple(contacts), tuple(motion), tuple(forces))
