@@ -205,6 +205,7 @@ def _run(options: argparse.Namespace) -> None:
     grippers = {name: replace(gripper, design=load_design(name)) for name in options.design}
     scenes = [_scene(name, options.tier) for name in options.objects]
     progress = ProgressBar()
+    progress.say(f"{len(scenes)} objects, {len(grippers)} designs, tier {options.tier}: 20 to 30 grasps each")
     progress.start(len(scenes) * len(grippers), 0)
     rows = []
     started_s = time.monotonic()
