@@ -13,6 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.actuator.chambers import BEND_NAMES, CHANNEL_NAMES, FINGER_NAMES
 from mbpam_ros.actuator.metamodel import load_metamodel
+from mbpam_ros.actuator.named_designs import load_design
 from mbpam_ros.configuration import ConfigError, load_yaml
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.messages import joint_state, time_stamp
@@ -136,6 +137,16 @@ def test_two_chambers_at_100_kpa_push_with_the_chosen_metamodel_s_force(graph, m
     assert not forces.velocity
     graph.spin_until(lambda: estimates.reports, "a report")
     assert ("metamodel", metamodel) in [(item.key, item.value) for item in estimates.reports[-1].status[0].values]
+
+
+def test_the_design_that_the_gripper_file_names_is_the_one_that_pushes(graph, tmp_path):
+    gripper = tmp_path / "gripper.yaml"
+    gripper.write_text(yaml.safe_dump({**load_yaml("gripper.yaml"), "target": "fe", "design": "optimised"}))
+    estimates = Estimates(graph, gripper=str(gripper))
+    estimates.feed(pressures([(1, 2), (2, 3), (3, 4), (4, 1)]))
+    initial, optimised = (load_metamodel("prs").predict(load_design(name)).f_max_n for name in ("initial", "optimised"))
+    np.testing.assert_allclose(estimates.forces[-1].effort, optimised, rtol=1e-3)
+    assert abs(optimised / initial - 1.0) > 0.05
 
 
 def test_an_unknown_metamodel_is_a_configuration_error(graph):
