@@ -134,7 +134,7 @@ def cases_of(scene: Scene, finger_length_m: float) -> tuple[str, ...]:
 
 
 def forced_by(scene: Scene) -> Forced:
-    """Return what a scene file with the tier ``auto`` decides itself; with another tier, nothing is left to plan."""
+    """Return what a scene file decides itself: what it gives."""
     config = scene.config
     return Forced(
         tier=None if config.tier == AUTO else config.tier,
@@ -235,10 +235,11 @@ def _candidates(
     everywhere = {row.fidelity for row in table.rows if all((case, row.fidelity) in measured for case in cases)}
     fitting = _fitting(everywhere, forced, tick_s)
     if not fitting:
-        given = ", ".join(f"{part} {_short(getattr(forced, part))}" for part in _PARTS if getattr(forced, part))
+        given = [f"{part} {_short(getattr(forced, part))}" for part in _PARTS if getattr(forced, part) is not None]
+        given += [] if tick_s is None else [f"a tick of {tick_s:g} s"]
         there = "; ".join(f"{part} {', '.join(map(_short, _values(everywhere, part)))}" for part in _PARTS)
         raise PlanError(
-            f"nothing measured on {', '.join(cases)} fits {given or f'a tick of {tick_s} s'}; measured there: {there}"
+            f"nothing measured on {', '.join(cases)} fits {', '.join(given) or 'it'}; measured there: {there}"
         )
     found = {}
     for each in sorted(fitting):
