@@ -21,7 +21,7 @@ from mbpam_ros.plant.fidelity import (
     Tolerance,
     load_fidelity_table,
 )
-from mbpam_ros.plant.scene import Scene
+from mbpam_ros.plant.scene import ALL_FINGERS, Scene
 
 AIR_CASES = ("free_bend", "unequal_pressures", "fast_release")
 GRASP_CASES = {"sphere": ("sphere", "lift"), "cylinder": ("slender_rod",), "box": ("box",)}
@@ -45,6 +45,7 @@ class Forced:
     step_s: float | None = None
     pneumatics: str | None = None
     camera: bool | None = None
+    moving_fingers: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -141,6 +142,7 @@ def forced_by(scene: Scene) -> Forced:
         modes=config.modes,
         step_s=config.sub_step_s,
         pneumatics=config.pneumatics,
+        moving_fingers=config.moving_fingers,
     )
 
 
@@ -177,13 +179,13 @@ def plan(
     reasons["air_modes"] = ("enough while the object is out of reach" if air_modes else "the same throughout",)
     reasons["contact"] = (f"measured on {', '.join(cases)}" if touch else "nothing is within reach",)
     reasons["camera"] = ("forced" if forced.camera is not None else f"{'an' if seen else 'no'} object to see",)
-    reasons["moving_fingers"] = ("any of their chambers may be filled",)
+    reasons["moving_fingers"] = ("forced" if forced.moving_fingers else "any of their chambers may be filled",)
     return Plan(
         fidelity=chosen,
         air_modes=air_modes,
         contact=touch,
         camera=seen if forced.camera is None else forced.camera,
-        moving_fingers=(1, 2, 3, 4),
+        moving_fingers=forced.moving_fingers or ALL_FINGERS,
         expected=candidates[best],
         reasons=reasons,
     )

@@ -139,6 +139,11 @@ def test_contact_and_camera_are_there_only_with_an_object():
     assert planned(EMPTY, camera=True).camera
 
 
+def test_all_fingers_move_unless_some_are_named():
+    assert planned(EMPTY).moving_fingers == (1, 2, 3, 4)
+    assert planned(EMPTY, moving_fingers=(1, 3)).moving_fingers == (1, 3)
+
+
 def test_an_object_out_of_reach_takes_as_many_modes_as_the_air():
     assert planned(BULB, 1.0, modes=3).air_modes == 2
     assert planned(BULB, 1.0).air_modes is None  # two in contact as well
@@ -199,9 +204,10 @@ def test_a_scene_with_tier_auto_is_built_as_planned(tmp_path):
 
 
 def test_what_a_scene_with_tier_auto_gives_itself_is_forced(tmp_path):
-    scene = changed(tmp_path, tier="auto", sub_step_s=0.001, pneumatics="ideal", modes=4)
-    assert forced_by(scene) == Forced(None, 4, 0.001, "ideal")
+    scene = changed(tmp_path, tier="auto", sub_step_s=0.001, pneumatics="ideal", modes=4, moving_fingers=[1, 2])
+    assert forced_by(scene) == Forced(None, 4, 0.001, "ideal", None, (1, 2))
     config = planned_scene(scene, LENGTH_M).config
+    assert config.moving_fingers == (1, 2)
     assert (config.tier, config.modes, config.sub_step_s, config.pneumatics) == ("rod", 4, 0.001, "ideal")
 
 
