@@ -60,12 +60,13 @@ class SomeFingers(Tier):
         )
 
     def _of_moving(self, actuation: Actuation) -> Actuation:
-        for finger in self._still:
-            if np.abs(actuation.moment_n_m[finger]).max() > _NO_MOMENT_N_M:
-                raise PlantDivergedError(
-                    f"the chambers of finger {finger + 1} are filled, and it is not among the scene's moving_fingers = "
-                    f"{', '.join(map(str, self._moving + 1))}: add it there"
-                )
+        filled = np.abs(actuation.moment_n_m[self._still]) > _NO_MOMENT_N_M
+        if filled.any():
+            finger = self._still[filled.any(axis=1)][0] + 1
+            raise PlantDivergedError(
+                f"the chambers of finger {finger} are filled, and it is not among the scene's moving_fingers = "
+                f"{', '.join(map(str, self._moving + 1))}: add it there"
+            )
         return Actuation(actuation.moment_n_m[self._moving], actuation.stiffness_n_m2[self._moving])
 
     def _among_all(self, values: Array, still: Array | float) -> Array:
