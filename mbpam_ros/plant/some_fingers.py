@@ -57,6 +57,7 @@ class SomeFingers(Tier):
             bend_rate_rad_s=self._among_all(found.bend_rate_rad_s, 0.0),
             centreline_m=self._among_all(found.centreline_m, self._straight_m),
             finger_force_n=self._among_all(found.finger_force_n, 0.0),
+            between_fingers_force_n=self._among_all(found.between_fingers_force_n, 0.0),
         )
 
     def _of_moving(self, actuation: Actuation) -> Actuation:

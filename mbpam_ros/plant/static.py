@@ -59,7 +59,7 @@ class StaticTier(Tier):
             finger_force_n=np.zeros((len(self._bend), 3)),
             support_force_n=no_force,
             palm_force_n=no_force,
-            between_fingers_force_n=np.zeros((FINGER_COUNT, 3)),
+            between_fingers_force_n=np.zeros((len(self._bend), 3)),
         )
 
     def _rest(self, actuation: Actuation) -> Array:
