@@ -36,8 +36,8 @@ def test_the_moving_fingers_do_as_among_four_and_the_others_hang_straight(tier):
 def test_two_fingers_touch_an_object_and_the_others_do_not():
     plant = plant_of("bulb", (1, 3), tier="rod")
     inward = np.repeat([1.0, 0.0, 1.0, 0.0], 4) * np.eye(4).ravel()  # chamber i of finger i bends it to the middle
-    for _ in range(60):
-        plant.step(0.5 * inward, 0.01)
+    for _ in range(33):
+        plant.step(0.6 * inward, 0.01)
     force = plant.observe().finger_force_n
     assert np.linalg.norm(force[[0, 2]], axis=1).min() > 0.01
     assert not force[[1, 3]].any()
