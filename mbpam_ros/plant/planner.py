@@ -1,8 +1,8 @@
 """Choose how a scene is computed: the cheapest way that was measured to stay within a tolerance, with the reasons.
 
 What is in the scene says which measured cases stand for it: without anything to touch those in the air, with an object
-those that grasp one of its shape. A fidelity is as far off as in the worst of them, and never nearer than their
-reference is known. CPU times vary from run to run, so of those that cost next to the least the most accurate is taken.
+those that grasp one of its shape. A fidelity is as far off as in the worst of them, no nearer than with a shorter step,
+and never nearer than their reference is known. CPU times vary from run to run, so of those that cost next to the least the most accurate is taken.
 """
 
 from __future__ import annotations
@@ -246,10 +246,16 @@ def _candidates(
     found = {}
     for each in sorted(fitting):
         costing = [measured[case, each] for case in cases]
-        judged = each if forced.pneumatics is None else dataclasses.replace(each, pneumatics=REFERENCE_PNEUMATICS)
-        judging = [measured.get((case, judged), row) for case, row in zip(cases, costing, strict=True)]
-        found[each] = _expected(judging, costing, table, allowed)
+        pneumatics = each.pneumatics if forced.pneumatics is None else REFERENCE_PNEUMATICS
+        judging = [row for row in table.rows if row.scene in cases and _no_longer_step(row, each, pneumatics)]
+        found[each] = _expected(judging or costing, costing, table, allowed)
     return found
+
+
+def _no_longer_step(row: Measured, fidelity: Fidelity, pneumatics: str) -> bool:
+    """Whether a row differs from a fidelity in no more than a shorter step: a longer one is nearer by luck only."""
+    same = (row.tier, row.modes, row.pneumatics) == (fidelity.tier, fidelity.modes, pneumatics)
+    return same and row.step_s <= fidelity.step_s
 
 
 def _fitting(everywhere: Iterable[Fidelity], forced: Forced, tick_s: float | None) -> list[Fidelity]:

@@ -44,8 +44,8 @@ GRASP = {
 }
 
 
-def table(reference=None):
-    rows = []
+def table(reference=None, extra=()):
+    rows = list(extra)
     grasps = [case for cases in GRASP_CASES.values() for case in cases]
     for cases, numbers in ((AIR_CASES, AIR), (grasps, GRASP)):
         for case in cases:
@@ -94,6 +94,13 @@ def test_an_error_is_never_taken_to_be_smaller_than_the_reference_is_known():
     found = planned(BULB, 1.0, reference={"lift": {"static_pct": 3.0}})
     assert found.expected.static_pct == 3.0
     assert not found.within_tolerance
+
+
+def test_a_longer_step_is_not_trusted_to_be_nearer_than_a_shorter_one():
+    lucky = [Measured(case, "rod", 2, 0.020, "iso6358", 0.0, 0.0, 0.0, 1.0, 0.0) for case in GRASP_CASES["sphere"]]
+    found = plan(BULB, LENGTH_M, table(extra=lucky), Tolerance(1.0, 1.0, 2.0), Forced(step_s=0.020))
+    assert found.expected.static_pct == GRASP["rod", 2, 0.010, "iso6358"][0]
+    assert plan(BULB, LENGTH_M, table(extra=lucky), Tolerance(1.0, 1.0, 2.0)).fidelity.step_s == 0.002
 
 
 @pytest.mark.parametrize(
