@@ -2,7 +2,8 @@
 
 What is in the scene says which measured cases stand for it: without anything to touch those in the air, with an object
 those that grasp one of its shape. A fidelity is as far off as in the worst of them, no nearer than with a shorter step,
-and never nearer than their reference is known. CPU times vary from run to run, so of those that cost next to the least the most accurate is taken.
+and never nearer than their reference is known. CPU times vary from run to run, so of those that cost next to the least
+the most accurate is taken.
 """
 
 from __future__ import annotations
