@@ -224,10 +224,13 @@ def _air_modes(scene: Scene, chosen: Fidelity, table: FidelityTable, allowed: To
     if scene.object is None or chosen.tier != "rod":
         return None
     same = Forced(step_s=chosen.step_s, pneumatics=chosen.pneumatics)
-    found = _candidates(table, AIR_CASES, allowed, same, None)
+    try:
+        found = _candidates(table, AIR_CASES, allowed, same, None)
+    except PlanError:  # not measured in the air
+        return None
     best = _best(found)
-    dearest = max(found[each].cpu_ms_per_s for each in found if each.tier == "rod" and each.modes == chosen.modes)
-    return best.modes if dearest > SAME_COST * found[best].cpu_ms_per_s else None
+    own = [found[each].cpu_ms_per_s for each in found if (each.tier, each.modes) == ("rod", chosen.modes)]
+    return best.modes if own and own[0] > SAME_COST * found[best].cpu_ms_per_s else None
 
 
 def _candidates(

@@ -32,7 +32,6 @@ from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
 _DURATION_S, _REPEATS, _IMAGE_EVERY = 1.5, 5, 20
 _FLOOR_M = 0.5
 _HEAVY_MODULES = {
-    "numba": "numba",
     "rod": "mbpam_ros.plant.moving",
     "static": "mbpam_ros.plant.static",
     "iso6358": "mbpam_ros.pneumatics.iso6358",

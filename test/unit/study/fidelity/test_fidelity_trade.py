@@ -204,8 +204,8 @@ def test_a_plan_outside_the_tolerance_has_its_own_exit_status(capsys):
 
 
 def test_what_is_absent_from_a_scene_is_not_imported():
-    """Neither the compiler nor a model that the scene does not ask for."""
+    """No tier and no model that the scene does not ask for."""
     scene = load_scene("empty")
     bare = dataclasses.replace(scene.config, tier="static", sub_step_s=0.01, pneumatics="ideal")
     assert imported_parts(dataclasses.replace(scene, config=bare)) == ("static",)
-    assert imported_parts(scene) == ("numba", "rod")
+    assert imported_parts(scene) == ("rod",)
