@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.plant import multibody
 from mbpam_ros.plant.composition import advance_undamped
 from mbpam_ros.plant.contact import contact_table
@@ -86,10 +85,11 @@ class RodTier(Tier):
             laws=np.array([kind.law() for kind in kinds]),
         )
         self._advance = multibody.advance if config.retardation_time_s > 0.0 else advance_undamped
-        self._coordinates = FINGER_COUNT * 2 * modes
-        most = contact_limit(FINGER_COUNT, len(planes), setup.fingers_touch)
+        self._fingers = len(setup.finger_base_m)
+        self._coordinates = self._fingers * 2 * modes
+        most = contact_limit(self._fingers, len(planes), setup.fingers_touch)
         self._contacts = contact_table(most, 2 * modes)
-        self._motion = motion_at_rest(FINGER_COUNT, modes, segments)
+        self._motion = motion_at_rest(self._fingers, modes, segments)
         along = np.linspace(0.0, setup.geometry.length_m, CENTRELINE_POINTS)
         self._line_weights = position_weights(setup.geometry, segments, along)
         self.reset()
@@ -109,7 +109,7 @@ class RodTier(Tier):
             velocity = np.concatenate([velocity, body.velocity_m_s, body.angular_velocity_rad_s])
             position, orientation = np.array(body.position_m, float), np.array(body.orientation_xyzw, float)
         self._state = State(rest, velocity, position, orientation)
-        self._forces = Forces(np.zeros((FINGER_COUNT, 3)), np.zeros(3), np.zeros(3), np.zeros((FINGER_COUNT, 3)))
+        self._forces = Forces(np.zeros((self._fingers, 3)), np.zeros(3), np.zeros(3), np.zeros((self._fingers, 3)))
         self.iterations = 0
         self._show()
 
@@ -135,7 +135,7 @@ class RodTier(Tier):
     @property
     def modes(self) -> int:
         """Modes of curvature a plane."""
-        return self._coordinates // (2 * FINGER_COUNT)
+        return self._coordinates // (2 * self._fingers)
 
     def take_over(self, other: RodTier) -> None:
         """Go on with the muscles of another tier as they are: modes it does not have are zero, those too many dropped.
@@ -145,13 +145,13 @@ class RodTier(Tier):
         common = 2 * min(self.modes, other.modes)
         for own, theirs in zip(self._state[:2], other._state[:2], strict=True):
             own[: self._coordinates] = 0.0
-            rows = own[: self._coordinates].reshape(FINGER_COUNT, -1)
-            rows[:, :common] = theirs[: other._coordinates].reshape(FINGER_COUNT, -1)[:, :common]
+            rows = own[: self._coordinates].reshape(self._fingers, -1)
+            rows[:, :common] = theirs[: other._coordinates].reshape(self._fingers, -1)[:, :common]
         self._show()
 
     def largest_rate_rad_s(self) -> float:
         """Return the largest sum of a muscle's rates, which no section of it exceeds in turning."""
-        rates = self._state.velocity[: self._coordinates].reshape(FINGER_COUNT, -1)
+        rates = self._state.velocity[: self._coordinates].reshape(self._fingers, -1)
         return float(np.abs(rates).sum(axis=1).max())
 
     def centreline_m(self) -> Array:
@@ -170,9 +170,9 @@ class RodTier(Tier):
 
     def state(self) -> TierState:  # noqa: D102
         shape, velocity, fingers = self._state.shape, self._state.velocity, self._coordinates
-        rates = velocity[:fingers].reshape(FINGER_COUNT, -1)
+        rates = velocity[:fingers].reshape(self._fingers, -1)
         tip_rate = np.einsum("fij,fj->fi", self._motion.slope[:, -1], rates)
-        bend, bend_rate = tip_bend(self._motion.tangent[:, -1], tip_rate, shape.reshape(FINGER_COUNT, -1)[:, :2])
+        bend, bend_rate = tip_bend(self._motion.tangent[:, -1], tip_rate, shape.reshape(self._fingers, -1)[:, :2])
         return TierState(
             bend_rad=bend,
             bend_rate_rad_s=bend_rate,
@@ -187,7 +187,7 @@ class RodTier(Tier):
     def _show(self) -> None:
         """Set the motion to that of the state: no sub-step. The first time this compiles, before the first tick."""
         nothing = np.zeros(1)
-        drive = Drive(np.zeros((2, FINGER_COUNT, 2)), np.ones((2, FINGER_COUNT)), nothing, nothing)
+        drive = Drive(np.zeros((2, self._fingers, 2)), np.ones((2, self._fingers)), nothing, nothing)
         forces = Forces(*(force.copy() for force in self._forces))
         multibody.advance(self._state, drive, self._system, self._contacts, self._motion, forces)
 

@@ -1,8 +1,9 @@
 """Choose how a scene is computed: the cheapest way that was measured to stay within a tolerance, with the reasons.
 
 What is in the scene says which measured cases stand for it: without anything to touch those in the air, with an object
-those that grasp one of its shape. A fidelity is as far off as in the worst of them, and never nearer than their
-reference is known. CPU times vary from run to run, so of those that cost next to the least the most accurate is taken.
+those that grasp one of its shape. A fidelity is as far off as in the worst of them, no nearer than with a shorter step,
+and never nearer than their reference is known. CPU times vary from run to run, so of those that cost next to the least
+the most accurate is taken.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from mbpam_ros.plant.fidelity import (
     Tolerance,
     load_fidelity_table,
 )
-from mbpam_ros.plant.scene import Scene
+from mbpam_ros.plant.scene import ALL_FINGERS, Scene
 
 AIR_CASES = ("free_bend", "unequal_pressures", "fast_release")
 GRASP_CASES = {"sphere": ("sphere", "lift"), "cylinder": ("slender_rod",), "box": ("box",)}
@@ -45,6 +46,7 @@ class Forced:
     step_s: float | None = None
     pneumatics: str | None = None
     camera: bool | None = None
+    moving_fingers: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -134,13 +136,14 @@ def cases_of(scene: Scene, finger_length_m: float) -> tuple[str, ...]:
 
 
 def forced_by(scene: Scene) -> Forced:
-    """Return what a scene file with the tier ``auto`` decides itself; with another tier, nothing is left to plan."""
+    """Return what a scene file decides itself: what it gives."""
     config = scene.config
     return Forced(
         tier=None if config.tier == AUTO else config.tier,
         modes=config.modes,
         step_s=config.sub_step_s,
         pneumatics=config.pneumatics,
+        moving_fingers=config.moving_fingers,
     )
 
 
@@ -177,13 +180,13 @@ def plan(
     reasons["air_modes"] = ("enough while the object is out of reach" if air_modes else "the same throughout",)
     reasons["contact"] = (f"measured on {', '.join(cases)}" if touch else "nothing is within reach",)
     reasons["camera"] = ("forced" if forced.camera is not None else f"{'an' if seen else 'no'} object to see",)
-    reasons["moving_fingers"] = ("any of their chambers may be filled",)
+    reasons["moving_fingers"] = ("forced" if forced.moving_fingers else "any of their chambers may be filled",)
     return Plan(
         fidelity=chosen,
         air_modes=air_modes,
         contact=touch,
         camera=seen if forced.camera is None else forced.camera,
-        moving_fingers=(1, 2, 3, 4),
+        moving_fingers=forced.moving_fingers or ALL_FINGERS,
         expected=candidates[best],
         reasons=reasons,
     )
@@ -221,10 +224,13 @@ def _air_modes(scene: Scene, chosen: Fidelity, table: FidelityTable, allowed: To
     if scene.object is None or chosen.tier != "rod":
         return None
     same = Forced(step_s=chosen.step_s, pneumatics=chosen.pneumatics)
-    found = _candidates(table, AIR_CASES, allowed, same, None)
+    try:
+        found = _candidates(table, AIR_CASES, allowed, same, None)
+    except PlanError:  # not measured in the air
+        return None
     best = _best(found)
-    dearest = max(found[each].cpu_ms_per_s for each in found if each.tier == "rod" and each.modes == chosen.modes)
-    return best.modes if dearest > SAME_COST * found[best].cpu_ms_per_s else None
+    own = [found[each].cpu_ms_per_s for each in found if (each.tier, each.modes) == ("rod", chosen.modes)]
+    return best.modes if own and own[0] > SAME_COST * found[best].cpu_ms_per_s else None
 
 
 def _candidates(
@@ -235,18 +241,25 @@ def _candidates(
     everywhere = {row.fidelity for row in table.rows if all((case, row.fidelity) in measured for case in cases)}
     fitting = _fitting(everywhere, forced, tick_s)
     if not fitting:
-        given = ", ".join(f"{part} {_short(getattr(forced, part))}" for part in _PARTS if getattr(forced, part))
+        given = [f"{part} {_short(getattr(forced, part))}" for part in _PARTS if getattr(forced, part) is not None]
+        given += [] if tick_s is None else [f"a tick of {tick_s:g} s"]
         there = "; ".join(f"{part} {', '.join(map(_short, _values(everywhere, part)))}" for part in _PARTS)
         raise PlanError(
-            f"nothing measured on {', '.join(cases)} fits {given or f'a tick of {tick_s} s'}; measured there: {there}"
+            f"nothing measured on {', '.join(cases)} fits {', '.join(given) or 'it'}; measured there: {there}"
         )
     found = {}
     for each in sorted(fitting):
         costing = [measured[case, each] for case in cases]
-        judged = each if forced.pneumatics is None else dataclasses.replace(each, pneumatics=REFERENCE_PNEUMATICS)
-        judging = [measured.get((case, judged), row) for case, row in zip(cases, costing, strict=True)]
-        found[each] = _expected(judging, costing, table, allowed)
+        pneumatics = each.pneumatics if forced.pneumatics is None else REFERENCE_PNEUMATICS
+        judging = [row for row in table.rows if row.scene in cases and _no_longer_step(row, each, pneumatics)]
+        found[each] = _expected(judging or costing, costing, table, allowed)
     return found
+
+
+def _no_longer_step(row: Measured, fidelity: Fidelity, pneumatics: str) -> bool:
+    """Whether a row differs from a fidelity in no more than a shorter step: a longer one is nearer by luck only."""
+    same = (row.tier, row.modes, row.pneumatics) == (fidelity.tier, fidelity.modes, pneumatics)
+    return same and row.step_s <= fidelity.step_s
 
 
 def _fitting(everywhere: Iterable[Fidelity], forced: Forced, tick_s: float | None) -> list[Fidelity]:

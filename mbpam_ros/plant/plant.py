@@ -258,6 +258,7 @@ def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetu
         modes=scene.config.modes,
         fingers_touch=scene.config.fingers_touch,
         air_modes=scene.config.air_modes,
+        moving_fingers=scene.config.moving_fingers,
         largest_jump_m=1e-2 * tolerance.static_pct * gripper.geometry.active_length_m,
     )
 

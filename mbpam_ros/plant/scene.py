@@ -10,9 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.configuration import ConfigError, config_directory, load_config, require_positive
 from mbpam_ros.plant.fidelity import AUTO, Tolerance
 from mbpam_ros.plant.lift import LiftConfig
+
+ALL_FINGERS = tuple(range(1, FINGER_COUNT + 1))
+"""Numbers of the fingers."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,8 @@ class SceneConfig:
         fingers_touch: whether fingers touch each other (tiers arc and rod); otherwise they pass through each other.
         air_modes: those while the object is out of reach; none for always ``modes``.
         tolerance: what the planner aims at; none for its default.
+        moving_fingers: numbers of those that are computed; the others hang straight, must not be filled, and touch
+            nothing. None for all.
     """
 
     object: str | None
@@ -119,12 +125,18 @@ class SceneConfig:
     fingers_touch: bool = True
     air_modes: int | None = None
     tolerance: Tolerance | None = None
+    moving_fingers: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.sub_step_s is not None:
             require_positive(self, "sub_step_s")
         elif self.tier != AUTO:
             raise ValueError(f"sub_step_s must be given with tier {self.tier}; only tier auto chooses one")
+        fingers = self.moving_fingers
+        if fingers is not None and not (
+            fingers and set(fingers) <= set(ALL_FINGERS) and len(set(fingers)) == len(fingers)
+        ):
+            raise ValueError(f"moving_fingers must be some of {ALL_FINGERS}, each once, found {fingers}")
         if (self.object is None) != (self.object_position_m is None):
             raise ValueError("object and object_position_m must both be given or both be null")
         if self.friction_coefficient is not None and self.friction_coefficient < 0.0:

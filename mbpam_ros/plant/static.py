@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.actuator.equilibrium import hanging_bend
 from mbpam_ros.actuator.kinematics import centreline
 from mbpam_ros.plant.tiers import CENTRELINE_POINTS, Actuation, Array, Tier, TierError, TierSetup, TierState
@@ -29,10 +28,11 @@ class StaticTier(Tier):
         self.reset()
 
     def reset(self) -> None:  # noqa: D102
-        self._bend = np.zeros((FINGER_COUNT, 2))
-        self._rate = np.zeros((FINGER_COUNT, 2))
+        fingers = len(self._setup.finger_base_m)
+        self._bend = np.zeros((fingers, 2))
+        self._rate = np.zeros((fingers, 2))
         self._actuation: Actuation | None = None
-        self._equilibrium = np.zeros((FINGER_COUNT, 2))
+        self._equilibrium = np.zeros((fingers, 2))
 
     def step(  # noqa: D102
         self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array
@@ -56,10 +56,10 @@ class StaticTier(Tier):
             bend_rate_rad_s=self._rate.copy(),
             centreline_m=centreline(self._bend, setup.geometry, along) + setup.finger_base_m[:, None, :],
             body=None,
-            finger_force_n=np.zeros((FINGER_COUNT, 3)),
+            finger_force_n=np.zeros((len(self._bend), 3)),
             support_force_n=no_force,
             palm_force_n=no_force,
-            between_fingers_force_n=np.zeros((FINGER_COUNT, 3)),
+            between_fingers_force_n=np.zeros((len(self._bend), 3)),
         )
 
     def _rest(self, actuation: Actuation) -> Array:

@@ -72,7 +72,7 @@ class SteppingTier(Tier):
             return self._contact.state()
         still, moving = self._contact.state(), self._air.state()
         return dataclasses.replace(
-            still, bend_rad=moving.bend_rad, bend_rate_rad_s=moving.bend_rate_rad_s, centreline_m=moving.centreline_m
+            moving, body=still.body, support_force_n=still.support_force_n, palm_force_n=still.palm_force_n
         )
 
     def _look_up(self, duration_s: float, hand_height_m: Array, hand_velocity_m_s: Array) -> None:

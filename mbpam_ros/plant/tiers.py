@@ -1,6 +1,6 @@
 """The face of all tiers, and the tiers by name.
 
-A tier moves four muscles (and an object, if it can) for given intrinsic moments and stiffnesses and a given motion of
+A tier moves the muscles (and an object, if it can) for given intrinsic moments and stiffnesses and a given motion of
 the hand. It knows no pressures, no scene's name and no clock.
 """
 
@@ -74,7 +74,7 @@ class TierSetup:
 
     Args:
         geometry: of the muscles.
-        finger_base_m: clamp points in ``gripper_base``, shape (4, 3).
+        finger_base_m: clamp points in ``gripper_base``, shape (4, 3), or of fewer muscles.
         gravity_m_s2: along +z of the world.
         sub_step_s: step of the computation.
         body: the object, or none.
@@ -84,6 +84,7 @@ class TierSetup:
         fingers_touch: whether muscles touch each other; otherwise they pass through each other.
         air_modes: those while the object is out of reach; none for always ``modes``.
         largest_jump_m: what a tip may move by when the number of modes changes.
+        moving_fingers: numbers of the muscles that are computed; none for all.
     """
 
     geometry: MuscleGeometry
@@ -97,6 +98,7 @@ class TierSetup:
     fingers_touch: bool = False
     air_modes: int | None = None
     largest_jump_m: float = 0.0
+    moving_fingers: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -194,5 +196,7 @@ def build_tier(name: str, setup: TierSetup) -> Tier:
         raise TierError(f"tier {name!r} takes no modes, found {setup.modes}: use tier 'rod', or leave modes out")
     if setup.air_modes is not None and (name != "rod" or setup.body is None):
         raise TierError(f"air_modes are for the tier 'rod' with an object, found tier {name!r}: leave them out")
+    if setup.moving_fingers is not None:
+        return importlib.import_module("mbpam_ros.plant.some_fingers").SomeFingers(name, setup)
     module, tier = _TIERS[name] if setup.air_modes is None else _STEPPING
     return getattr(importlib.import_module(module), tier)(setup)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.actuator.chambers import pressurised_chambers
 from mbpam_ros.grasp.modes import load_modes
 from mbpam_ros.plant.scene import Scene, load_scene
 
@@ -19,7 +20,8 @@ Array = NDArray[np.float64]
 FULL_PA = 100e3
 _RAMP = ((0.0, 0.0), (0.5, 1.0))
 _FREE_REST_S, _CLOSED_S, _LIFTED_S = 1.8, 1.5, 3.1
-_UNEQUAL_SHARES = ((1.0, 0.5, 0.0, 0.0), (1.0, 0.5, 0.5, 0.0), (0.75, 1.0, 0.25, 0.0), (0.9, 0.0, 0.3, 0.6))
+_UNEQUAL_SHARES = ((1.0, 0.5, 0.0, 0.0), (1.0, 0.5, 0.5, 0.0), (1.0, 0.25, 0.0, 0.75), (0.9, 0.0, 0.3, 0.6))
+"""Of the chamber that faces the gripper's middle, and of the next ones, for fingers 1 to 4: all bend outward."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,16 @@ def _closing(mode: str, full_pa: float = FULL_PA) -> Array:
     return load_modes()[mode].setpoints(full_pa)
 
 
+def _opening() -> Array:
+    """Two fingers under two chambers, two under one, bent away from each other: nothing touches."""
+    outward_deg = (0.0, 135.0, 180.0, 315.0)
+    return FULL_PA * np.concatenate([pressurised_chambers(np.radians(azimuth)) for azimuth in outward_deg])
+
+
+def _unequal() -> Array:
+    return FULL_PA * np.concatenate([np.roll(shares, finger + 2) for finger, shares in enumerate(_UNEQUAL_SHARES)])
+
+
 def _free(name: str, setpoint_pa: Array) -> Case:
     return Case(name, load_scene("empty"), setpoint_pa, _RAMP, (_FREE_REST_S,), (0.0, _FREE_REST_S))
 
@@ -72,19 +84,19 @@ def _grasp(name: str, scene_name: str, full_pa: float = FULL_PA) -> Case:
 def all_cases() -> tuple[Case, ...]:
     """Return all cases.
 
-    ``free_bend``: two fingers under two chambers, two under one, to 100 kPa within 0.5 s. ``unequal_pressures``: four
-    different sets. ``fast_release``: valves fully open from 100 kPa. ``sphere``, ``slender_rod`` and ``box``: bulb,
-    tube and carton closed upon and lifted as the paper did, at 100 kPa. ``lift``: the bulb at 80 kPa, where the tips
-    hold it by friction alone.
+    ``free_bend``: two fingers under two chambers, two under one, to 100 kPa within 0.5 s, outward so that they do not
+    meet. ``unequal_pressures``: four different sets, outward too. ``fast_release``: valves fully open from 100 kPa.
+    ``sphere``, ``slender_rod`` and ``box``: bulb, tube and carton closed upon and lifted as the paper did, at 100 kPa.
+    ``lift``: the bulb at 80 kPa, where the tips hold it by friction alone.
 
     Raises:
         ConfigError: a scene or the modes cannot be read.
     """
     release = (*_RAMP, (1.5, 1.0), (1.51, 0.0))
     return (
-        _free("free_bend", _closing("short_rod")),
-        _free("unequal_pressures", FULL_PA * np.ravel(_UNEQUAL_SHARES)),
-        Case("fast_release", load_scene("empty"), _closing("short_rod"), release, (1.5, 3.0), (1.5, 3.0)),
+        _free("free_bend", _opening()),
+        _free("unequal_pressures", _unequal()),
+        Case("fast_release", load_scene("empty"), _opening(), release, (1.5, 3.0), (1.5, 3.0)),
         _grasp("sphere", "bulb"),
         _grasp("slender_rod", "tube"),
         _grasp("box", "carton"),

@@ -32,7 +32,7 @@ from mbpam_ros.study.fidelity.runs import Record, run_coarser_reference, run_ref
 from mbpam_ros.study.fidelity.trade import QUICK_CASES, can_run, fidelities, measure, quick_fidelities
 from mbpam_ros.study.result_file import ResultFileError, write_json
 
-_REPEATS = 3
+_ROUNDS = 3
 
 
 def reference_check(case: Case, reference: Record, gripper: Gripper) -> dict[str, float]:
@@ -89,7 +89,7 @@ def _trade(options: argparse.Namespace) -> int:
         [fidelity for fidelity in (quick_fidelities() if quick else fidelities()) if can_run(case, fidelity)]
         for case in cases
     ]
-    repeats = 1 if quick else _REPEATS
+    repeats = 1 if quick else options.rounds
     progress.start(repeats * sum(map(len, grids)), 0)
     rows, checks = [], {}
     for case, grid in zip(cases, grids, strict=True):
@@ -136,6 +136,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--json", type=Path, metavar="FILE", required=True, help="where the rows go")
     parser.add_argument("--quick", action="store_true", help="a subset, in less than a minute")
+    parser.add_argument("--rounds", type=int, default=_ROUNDS, help="through the grid; CPU times are their medians")
     parser.add_argument(
         "--table", type=Path, metavar="FILE", help="planner's table (default: the one it reads; none with --quick)"
     )

@@ -6,8 +6,8 @@
     plan bulb --pneumatics lag --step-s 0.002          parts decided by you
 
 A scene file with ``tier: auto`` is computed so; what it gives itself (``sub_step_s``, ``pneumatics``, ``modes``,
-``tolerance``) is forced then. What a file with another tier gives is judged below the plan. Errors and costs come from
-the table that ``fidelity_trade`` measured; run it on your machine for its CPU times.
+``moving_fingers``, ``tolerance``) is forced then. What a file with another tier gives is judged below the plan. Errors
+and costs come from the table that ``fidelity_trade`` measured; run it on your machine for its CPU times.
 """
 
 from __future__ import annotations
@@ -18,24 +18,21 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import AUTO, TABLE, FidelityTable, Tolerance, load_fidelity_table
-from mbpam_ros.plant.planner import Forced, PlanError, forced_by, plan
-from mbpam_ros.plant.scene import Scene, load_scene
+from mbpam_ros.plant.planner import Forced, Plan, PlanError, forced_by, plan
+from mbpam_ros.plant.scene import ALL_FINGERS, Scene, load_scene
 from mbpam_ros.plant.tiers import tier_names
 from mbpam_ros.pneumatics.chamber import pneumatic_model_names
 from mbpam_ros.pneumatics.config import load_pneumatics
 
 
-def plan_text(scene: Scene, finger_length_m: float, table: FidelityTable, tolerance: Tolerance, forced: Forced) -> str:
-    """Return the plan of a scene as text and, where its file does not leave it open, what the file gives beside it.
+def plan_text(found: Plan, scene: Scene, finger_length_m: float, table: FidelityTable, tolerance: Tolerance) -> str:
+    """Return a plan of a scene as text and, where its file does not leave it open, what the file gives beside it.
 
     Raises:
-        PlanError: nothing that was measured fits what is forced.
         ConfigError: the pneumatics cannot be read.
     """
-    found = plan(scene, finger_length_m, table, tolerance, forced)
     lines = [
         f"scene {scene.name}; allowed: {tolerance.static_pct:g} % at rest, {tolerance.transient_pct:g} % in motion, "
         f"{tolerance.contact_force_pct:g} % of contact force",
@@ -52,14 +49,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status: 0, or 1 where the plan is outside the tolerance or there is none."""
     options = _parser().parse_args(arguments)
     try:
-        scene = load_scene(options.scene)
-        table, finger_length_m = load_fidelity_table(options.table), load_gripper().geometry.length_m
-        tolerance, forced = _tolerance(scene, options), _forced(scene, options)
-        print(plan_text(scene, finger_length_m, table, tolerance, forced))
-        return 0 if plan(scene, finger_length_m, table, tolerance, forced).within_tolerance else 1
-    except (ConfigError, ValueError) as error:
+        scene, table = load_scene(options.scene), load_fidelity_table(options.table)
+        finger_length_m, tolerance = load_gripper().geometry.length_m, _tolerance(scene, options)
+        found = plan(scene, finger_length_m, table, tolerance, _forced(scene, options))
+        print(plan_text(found, scene, finger_length_m, table, tolerance))
+    except ValueError as error:  # a ConfigError is one
         print(f"plan: {error}", file=sys.stderr)
         return 1
+    return 0 if found.within_tolerance else 1
 
 
 def _as_the_file_says(scene: Scene, finger_length_m: float, table: FidelityTable, tolerance: Tolerance) -> str:
@@ -85,6 +82,7 @@ def _tolerance(scene: Scene, options: argparse.Namespace) -> Tolerance:
 def _forced(scene: Scene, options: argparse.Namespace) -> Forced:
     given = forced_by(scene) if scene.config.tier == AUTO else Forced()
     wanted = {name: getattr(options, name) for name in ("tier", "modes", "step_s", "pneumatics", "camera")}
+    wanted["moving_fingers"] = options.fingers and tuple(options.fingers)
     return dataclasses.replace(given, **{name: value for name, value in wanted.items() if value is not None})
 
 
@@ -101,6 +99,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--step-s", type=float, metavar="S", help="sub-step")
     parser.add_argument("--pneumatics", choices=pneumatic_model_names(), help="taken for the real ones")
     parser.add_argument("--camera", action=argparse.BooleanOptionalAction, help="whether to render images")
+    parser.add_argument("--fingers", type=int, nargs="+", choices=ALL_FINGERS, help="those that move (moving_fingers)")
     parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE", help="measured table")
     return parser
 

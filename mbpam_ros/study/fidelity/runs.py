@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.planner import at_fidelity
-from mbpam_ros.plant.plant import Observation, Plant, build_plant
+from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.study.fidelity.cases import Case
 
 Array = NDArray[np.float64]
@@ -62,8 +61,17 @@ def run(case: Case, fidelity: Fidelity, gripper: Gripper, calls_per_tick: int = 
         PlantDivergedError: the step is too large for this tier here.
     """
     plant = build_plant(at_fidelity(case.scene, fidelity), gripper)
-    seen = [plant.observe()]
-    cpu_s = sum(_ticks(case, plant, seen, calls_per_tick))
+    seen, cpu_s = [plant.observe()], 0.0
+    for tick in range(round(case.duration_s / TICK_S)):
+        if case.lift_s is not None and tick == round(case.lift_s / TICK_S):
+            plant.lift()
+        missing = case.wanted_gauge_pa(tick * TICK_S) - seen[-1].pressure_gauge_pa
+        spool = np.clip(missing / _FULL_OPENING_PA, -1.0, 1.0)
+        begun_s = time.process_time()
+        for _ in range(calls_per_tick):
+            plant.step(spool, TICK_S / calls_per_tick)
+        cpu_s += time.process_time() - begun_s
+        seen.append(plant.observe())
     return Record(
         time_s=np.array([each.time_s for each in seen]),
         tip_m=np.stack([each.centreline_m[:, -1] for each in seen]),
@@ -83,19 +91,3 @@ def run_coarser_reference(case: Case, gripper: Gripper) -> Record:
     """Run a case with one mode less and steps twice as long; the change says how far the reference is converged."""
     coarser = dataclasses.replace(REFERENCE, modes=REFERENCE.modes - 1, step_s=2.0 * REFERENCE.step_s)
     return run(case, coarser, gripper, _REFERENCE_CALLS_PER_TICK // 2)
-
-
-def _ticks(case: Case, plant: Plant, seen: list[Observation], calls: int) -> Iterator[float]:
-    """Advance tick by tick; append what is seen, and give the CPU time [s] of each."""
-    lifted = case.lift_s is None
-    for tick in range(round(case.duration_s / TICK_S)):
-        now_s = tick * TICK_S
-        if not lifted and now_s >= case.lift_s - 1e-9:
-            lifted = plant.lift().accepted
-        missing = case.wanted_gauge_pa(now_s) - seen[-1].pressure_gauge_pa
-        spool = np.clip(missing / _FULL_OPENING_PA, -1.0, 1.0)
-        begun_s = time.process_time()
-        for _ in range(calls):
-            plant.step(spool, TICK_S / calls)
-        yield time.process_time() - begun_s
-        seen.append(plant.observe())

@@ -44,8 +44,8 @@ GRASP = {
 }
 
 
-def table(reference=None):
-    rows = []
+def table(reference=None, extra=()):
+    rows = list(extra)
     grasps = [case for cases in GRASP_CASES.values() for case in cases]
     for cases, numbers in ((AIR_CASES, AIR), (grasps, GRASP)):
         for case in cases:
@@ -96,6 +96,13 @@ def test_an_error_is_never_taken_to_be_smaller_than_the_reference_is_known():
     assert not found.within_tolerance
 
 
+def test_a_longer_step_is_not_trusted_to_be_nearer_than_a_shorter_one():
+    lucky = [Measured(case, "rod", 2, 0.020, "iso6358", 0.0, 0.0, 0.0, 1.0, 0.0) for case in GRASP_CASES["sphere"]]
+    found = plan(BULB, LENGTH_M, table(extra=lucky), Tolerance(1.0, 1.0, 2.0), Forced(step_s=0.020))
+    assert found.expected.static_pct == GRASP["rod", 2, 0.010, "iso6358"][0]
+    assert plan(BULB, LENGTH_M, table(extra=lucky), Tolerance(1.0, 1.0, 2.0)).fidelity.step_s == 0.002
+
+
 @pytest.mark.parametrize(
     "forced", [{"tier": "arc"}, {"modes": 3}, {"step_s": 0.010}, {"pneumatics": "lag"}, {"tier": "static"}]
 )
@@ -137,6 +144,11 @@ def test_contact_and_camera_are_there_only_with_an_object():
         found = planned(scene)
         assert (found.contact, found.camera) == (there, there)
     assert planned(EMPTY, camera=True).camera
+
+
+def test_all_fingers_move_unless_some_are_named():
+    assert planned(EMPTY).moving_fingers == (1, 2, 3, 4)
+    assert planned(EMPTY, moving_fingers=(1, 3)).moving_fingers == (1, 3)
 
 
 def test_an_object_out_of_reach_takes_as_many_modes_as_the_air():
@@ -199,9 +211,10 @@ def test_a_scene_with_tier_auto_is_built_as_planned(tmp_path):
 
 
 def test_what_a_scene_with_tier_auto_gives_itself_is_forced(tmp_path):
-    scene = changed(tmp_path, tier="auto", sub_step_s=0.001, pneumatics="ideal", modes=4)
-    assert forced_by(scene) == Forced(None, 4, 0.001, "ideal")
+    scene = changed(tmp_path, tier="auto", sub_step_s=0.001, pneumatics="ideal", modes=4, moving_fingers=[1, 2])
+    assert forced_by(scene) == Forced(None, 4, 0.001, "ideal", None, (1, 2))
     config = planned_scene(scene, LENGTH_M).config
+    assert config.moving_fingers == (1, 2)
     assert (config.tier, config.modes, config.sub_step_s, config.pneumatics) == ("rod", 4, 0.001, "ideal")
 
 

@@ -2,22 +2,21 @@
 
 import dataclasses
 import json
+import re
 
 import cv2
 import numpy as np
 import pytest
 
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.fidelity import Fidelity, Tolerance, load_fidelity_table
-from mbpam_ros.plant.planner import Forced
+from mbpam_ros.plant.fidelity import Fidelity, load_fidelity_table
 from mbpam_ros.plant.scene import load_scene
-from mbpam_ros.study.fidelity import fidelity_trade
+from mbpam_ros.study.fidelity import fidelity_trade, plan
 from mbpam_ros.study.fidelity.absent_costs import imported_parts
 from mbpam_ros.study.fidelity.boundary_value import boundary_value_error_pct, hanging_tip_m
 from mbpam_ros.study.fidelity.cases import Case, all_cases
 from mbpam_ros.study.fidelity.errors import errors
 from mbpam_ros.study.fidelity.picture import pareto_front
-from mbpam_ros.study.fidelity.plan import plan_text
 from mbpam_ros.study.fidelity.runs import Record, run
 from mbpam_ros.study.fidelity.trade import can_run, fidelities
 
@@ -92,7 +91,7 @@ def test_a_resting_rod_is_at_the_boundary_value_problem_and_nearer_with_more_mod
     assert off[1] < 0.5 * off[0] < 0.1
 
 
-def test_the_cases_are_those_of_the_issue_and_each_ends_after_its_motion():
+def test_each_of_the_seven_cases_is_driven_to_its_pressure_and_ends_after_its_motion():
     cases = {case.name: case for case in all_cases()}
     assert list(cases) == [
         "free_bend", "unequal_pressures", "fast_release", "sphere", "slender_rod", "box", "lift",
@@ -177,15 +176,36 @@ def test_a_file_that_cannot_be_written_is_said_in_one_line(short_trade, capsys):
     assert capsys.readouterr().err.startswith("fidelity_trade: cannot write")
 
 
-def test_the_plan_is_printed_with_what_the_scene_file_says_beside_it():
-    text = plan_text(load_scene("bulb"), GEOMETRY.length_m, load_fidelity_table(), Tolerance(), Forced())
-    assert "scene bulb; allowed: 5 % at rest" in text
+def test_the_plan_is_printed_with_what_the_scene_file_says_beside_it(capsys):
+    assert plan.main(["bulb", "--modes", "4", "--tolerance", "6"]) == 0
+    text = capsys.readouterr().out
+    assert "scene bulb; allowed: 6 % at rest, 6 % in motion, 6 % of contact force" in text
+    assert re.search(r"modes +4 +forced", text)
     assert "as the file says (arc, 2 ms, lag taken for the real one)" in text
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["piano"], "no scene 'piano'"),
+        (["bulb", "--tier", "static"], "nothing measured on sphere, lift fits tier static"),
+        (["bulb", "--tolerance", "-1"], "static_pct must be greater than 0"),
+    ],
+)
+def test_what_cannot_be_planned_is_said_in_one_line(capsys, arguments, said):
+    assert plan.main(arguments) == 1
+    told = capsys.readouterr().err
+    assert told.startswith("plan: ") and said in told and told.count("\n") == 1
+
+
+def test_a_plan_outside_the_tolerance_has_its_own_exit_status(capsys):
+    assert plan.main(["carton", "--tolerance", "0.001"]) == 1
+    assert "OUTSIDE the tolerance" in capsys.readouterr().out
+
+
 def test_what_is_absent_from_a_scene_is_not_imported():
-    """Neither the compiler nor a model that the scene does not ask for."""
+    """No tier and no model that the scene does not ask for."""
     scene = load_scene("empty")
     bare = dataclasses.replace(scene.config, tier="static", sub_step_s=0.01, pneumatics="ideal")
     assert imported_parts(dataclasses.replace(scene, config=bare)) == ("static",)
-    assert imported_parts(scene) == ("numba", "rod")
+    assert imported_parts(scene) == ("rod",)
