@@ -18,6 +18,7 @@ Accept = Callable[[NDArray[np.float64], float], bool]
 Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 SOLVERS = ("pardiso", "superlu")
+_ROUNDING = 1e-9
 
 
 class LoadStepError(RuntimeError):
@@ -148,7 +149,7 @@ def follow_load(
     load, step, unknowns = 0.0, control.first_step, start
     before: tuple[float, NDArray[np.float64]] | None = None
     while load < 1.0:
-        wanted = min(load + step, 1.0)
+        wanted = load + step if load + step < 1.0 - _ROUNDING else 1.0  # ten steps of 0.1 end at 1, not just before
         guess = unknowns
         if before is not None:
             ratio = (wanted - load) / (load - before[0])

@@ -26,6 +26,21 @@ def test_a_nonlinear_spring_is_followed_to_its_load():
     assert follow(lambda q, load: q + q**3 - 10.0 * load, lambda q, load: 1 + 3 * q**2) == pytest.approx(2.0, abs=1e-7)
 
 
+def test_steps_that_add_up_to_the_load_but_for_rounding_end_at_it():
+    loads = []
+
+    def force(q, load):
+        return np.array([q[0] + q[0] ** 3 - load])
+
+    def accept(q, load):
+        loads.append(load)
+        return True
+
+    tenths = StepControl(first_step=0.1, largest_step=0.1)
+    follow_load(force, lambda q, load: csr_matrix([[1 + 3 * q[0] ** 2]]), np.zeros(1), SUPERLU, tenths, accept)
+    assert loads[-1] == 1.0 and len(loads) == 10  # 0.1 added ten times is a little less
+
+
 def test_a_limit_point_is_an_error_that_names_the_load_reached():
     with pytest.raises(LoadStepError) as caught:  # q - q^2 never exceeds 1/4
         follow(lambda q, load: q - q**2 - 0.5 * load, lambda q, load: 1 - 2 * q)
