@@ -1,0 +1,1 @@
+"""The same gripper in other simulators, and what it costs there."""

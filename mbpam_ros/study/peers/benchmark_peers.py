@@ -1,0 +1,226 @@
+"""Compare the plant's tier rod with MuJoCo and PyElastica on one problem: CPU time at equal accuracy.
+
+Four muscles bend freely under a moment that is switched on; each simulator runs at its cheapest setting that keeps the
+tips within the static and transient error (over the muscle's length). With contact, a sphere is grasped at 70 % of the
+pressure and lifted, both at the same step. Needs the extra ``bench``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import itertools
+import platform
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from mbpam_ros.configuration import ConfigError, load_config
+from mbpam_ros.gripper import Gripper, load_gripper
+from mbpam_ros.plant.tiers import PlantConfig
+from mbpam_ros.study.peers.grasp import CLOSE_S, HELD_SHARE, HOLD_S, LIFT_M, LIFT_S, Grasp
+from mbpam_ros.study.peers.mujoco_model import (
+    CONE,
+    IMPRATIO,
+    INTEGRATORS,
+    MujocoFreeBend,
+    MujocoGrasp,
+    has_integrator,
+    load_mujoco,
+)
+from mbpam_ros.study.peers.own import OwnFreeBend, OwnGrasp, reference_tips
+from mbpam_ros.study.peers.problem import FingerProblem, PeerMissingError, ReferenceSolutionError, finger_problem
+from mbpam_ros.study.peers.pyelastica_model import PyelasticaFreeBend, load_pyelastica
+from mbpam_ros.study.peers.search import AccuracyError, Tried, cheapest, compare, cpu_ms_per_s, try_settings
+from mbpam_ros.study.result_file import ResultFileError, write_json
+
+PRESSURE_PA, GRASP_SHARE = 100e3, 0.7
+_SPHERE = {"radius_m": 0.030, "mass_kg": 0.046, "depth_m": 0.085}
+_FRICTION, _SLIPPERY = 0.6, 0.2
+_CONTACT_ELEMENTS, _CONTACT_MODES, _CONTACT_STEP_S, _CALL_S = 8, 3, 0.002, 0.010
+_CONTACT_INTEGRATORS = ("discrete", "implicitfast")
+_SINGLE_STEP_S = 0.001
+_LIMITS = {"free_1pct": (1.0, 1.0), "free_0p1pct": (0.1, 0.2)}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the comparison, print it, write JSON if asked. Returns the exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        load_mujoco()
+        load_pyelastica()
+        gripper, retardation = load_gripper(), load_config(PlantConfig, "plant.yaml").retardation_time_s
+        result = run(gripper, retardation, options.runs)
+        if options.json is not None:
+            write_json(options.json, result)
+    except (PeerMissingError, ConfigError, ReferenceSolutionError, AccuracyError, ResultFileError) as error:
+        print(f"benchmark_peers: {error}", file=sys.stderr)
+        return 1
+    _print(result)
+    return 0
+
+
+def run(gripper: Gripper, retardation_s: float, runs: int) -> dict[str, object]:
+    """Return the ratios peer / ours and, under ``details``, all settings, errors and times.
+
+    Raises:
+        PeerMissingError: a simulator is not installed.
+        ReferenceSolutionError: the reference is not the solution.
+        AccuracyError: a simulator was not accurate enough at any setting.
+    """
+    problem = finger_problem(gripper, PRESSURE_PA, retardation_s)
+    reference, length = reference_tips(problem), problem.geometry.length_m
+    own = try_settings(lambda **setting: OwnFreeBend(problem, **setting), own_settings(), reference, length)
+    mujoco = try_settings(lambda **setting: MujocoFreeBend(problem, **setting), mujoco_settings(), reference, length)
+    details: dict[str, object] = {"conditions": _conditions(), "problem": _described(problem)}
+    for name, limits in _LIMITS.items():
+        details[name] = _free(cheapest(own, *limits), cheapest(mujoco, *limits), runs)
+    details["single_call_1ms"] = _single_calls(problem, cheapest(own, 1.0, 1.0), cheapest(mujoco, 1.0, 1.0), runs)
+    elastica = try_settings(
+        lambda **setting: PyelasticaFreeBend(problem, **setting), pyelastica_settings(), reference, length
+    )
+    details["pyelastica_1pct"] = _free(cheapest(own, 1.0, float("inf")), cheapest(elastica, 1.0, float("inf")), runs)
+    details["contact_equal_step"] = _contact(finger_problem(gripper, GRASP_SHARE * PRESSURE_PA, retardation_s), runs)
+    names = (*_LIMITS, "contact_equal_step", "single_call_1ms", "pyelastica_1pct")
+    return {**{name: details[name]["ratio"] for name in names}, "details": details}
+
+
+def own_settings() -> list[dict[str, object]]:
+    """Return the settings of tier rod that are tried."""
+    return [
+        {"modes": modes, "step_s": step} for modes in (1, 2, 3, 4) for step in (0.03, 0.015, 0.01, 0.006, 0.005, 0.003)
+    ]
+
+
+def mujoco_settings() -> list[dict[str, object]]:
+    """Return the settings of MuJoCo that are tried: few elements with long steps, many with short ones.
+
+    Around the best ones only. ``implicit`` costs several times as much as ``implicitfast`` at nearly the same error;
+    the explicit ``Euler`` and ``RK4`` are unstable at steps of 1 ms.
+    """
+    grids = {
+        "discrete": [*itertools.product((6, 8), (0.002, 0.0015, 0.001)), *itertools.product((17,), (0.0005, 0.0003))],
+        "implicitfast": [
+            *itertools.product((6, 7, 8, 10), (0.005, 0.00375, 0.003, 0.0025, 0.002)),
+            *itertools.product((17, 18, 20), (0.001, 0.00075, 0.0005)),
+        ],
+        "implicit": [(7, 0.003), (17, 0.0005)],
+    }
+    return [
+        {"elements": elements, "step_s": step, "integrator": integrator}
+        for integrator in INTEGRATORS
+        if has_integrator(integrator)
+        for elements, step in grids[integrator]
+    ]
+
+
+def pyelastica_settings() -> list[dict[str, object]]:
+    """Return the settings of PyElastica that are tried; longer steps are unstable."""
+    return [{"shares": shares, "step_s": step} for shares in (6, 8, 10) for step in (0.0005, 0.0004, 0.0003)]
+
+
+def _free(ours: Tried, peer: Tried, runs: int) -> dict[str, object]:
+    timed = compare(
+        lambda: cpu_ms_per_s(ours.simulation, ours.simulation.advance),
+        lambda: cpu_ms_per_s(peer.simulation, peer.simulation.advance),
+        runs,
+    )
+    return {**timed, "ours": ours.as_json(), "peer": peer.as_json()}
+
+
+def _single_calls(problem: FingerProblem, ours: Tried, peer: Tried, runs: int) -> dict[str, object]:
+    """Time one Python call a step of 1 ms, with the spatial resolution and integrator that have 1 %."""
+    own_setting, peer_setting = ({**one.setting, "step_s": _SINGLE_STEP_S} for one in (ours, peer))
+    own, other = OwnFreeBend(problem, **own_setting), MujocoFreeBend(problem, **peer_setting)
+    timed = compare(
+        lambda: cpu_ms_per_s(own, own.advance_singly), lambda: cpu_ms_per_s(other, other.advance_singly), runs
+    )
+    return {**timed, "ours": own_setting, "peer": peer_setting}
+
+
+def _contact(problem: FingerProblem, runs: int) -> dict[str, object]:
+    """Time a grasp and lift at one step; show that the sphere slips out in both with little friction."""
+    seconds = CLOSE_S + LIFT_S + HOLD_S
+
+    def lifted(simulation: OwnGrasp | MujocoGrasp) -> float:
+        return cpu_ms_per_s(simulation, lambda span: _in_calls(simulation.advance, span), seconds)
+
+    def own(friction: float) -> OwnGrasp:
+        return OwnGrasp(Grasp(problem, friction=friction, **_SPHERE), _CONTACT_MODES, _CONTACT_STEP_S)
+
+    def peer(friction: float, integrator: str) -> MujocoGrasp:
+        grasp = Grasp(problem, friction=friction, **_SPHERE)
+        return MujocoGrasp(grasp, _CONTACT_ELEMENTS, _CONTACT_STEP_S, integrator)
+
+    integrators = [name for name in _CONTACT_INTEGRATORS if has_integrator(name)]
+    cost = {name: lifted(peer(_FRICTION, name)) for name in integrators}
+    integrator = min(cost, key=cost.get)
+    rises = {}
+    for friction in (_FRICTION, _SLIPPERY):
+        for name, simulation in (("ours", own(friction)), ("mujoco", peer(friction, integrator))):
+            lifted(simulation)
+            rise = simulation.rise_m()
+            rises[f"{name}, mu = {friction}"] = {"rise_m": rise, "held": rise > HELD_SHARE * LIFT_M}
+    ours, other = own(_FRICTION), peer(_FRICTION, integrator)
+    timed = compare(lambda: lifted(ours), lambda: lifted(other), runs)
+    setting = {"step_s": _CONTACT_STEP_S, "call_s": _CALL_S, "pressure_share": GRASP_SHARE, **_SPHERE}
+    return {
+        **timed,
+        **setting,
+        "ours": {"modes": _CONTACT_MODES},
+        "peer": {"elements": _CONTACT_ELEMENTS, "integrator": integrator, "cpu_ms_per_s_by_integrator": cost},
+        "lifts": rises,
+    }
+
+
+def _in_calls(advance: Callable[[float], None], seconds: float) -> None:
+    for _ in range(round(seconds / _CALL_S)):
+        advance(_CALL_S)
+
+
+def _conditions() -> dict[str, object]:
+    packages = ("mujoco", "pyelastica", "numpy", "numba")
+    return {
+        "versions": {name: importlib.metadata.version(name) for name in packages},
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "mujoco_cone": CONE,
+        "mujoco_impratio": IMPRATIO,
+    }
+
+
+def _described(problem: FingerProblem) -> dict[str, float]:
+    return {
+        "moment_n_m": problem.moment_n_m,
+        "stiffness_n_m2": problem.stiffness_n_m2,
+        "retardation_s": problem.retardation_s,
+        "gravity_m_s2": problem.gravity_m_s2,
+        "length_m": problem.geometry.length_m,
+        "mass_per_length_kg_m": problem.geometry.mass_per_length_kg_m,
+    }
+
+
+def _print(result: dict[str, object]) -> None:
+    details = result["details"]
+    print(f"{'':20s} {'ours':>12s} {'peer':>12s} {'peer / ours':>12s}   CPU ms per simulated second")
+    for name, value in result.items():
+        if name != "details":
+            one = details[name]
+            print(f"{name:20s} {one['ours_cpu_ms_per_s']:12.3f} {one['peer_cpu_ms_per_s']:12.3f} {value:12.1f}")
+            print(f"{'':20s} ours {one['ours']}\n{'':20s} peer {one['peer']}")
+    for name, lift in details["contact_equal_step"]["lifts"].items():
+        print(f"{name:20s} rises {1e3 * lift['rise_m']:6.1f} mm: {'held' if lift['held'] else 'lost'}")
+    print(details["conditions"])
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        "benchmark_peers", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="where the ratios and details go")
+    parser.add_argument("--runs", type=int, default=7, help="interleaved runs of each pair (default: 7)")
+    return parser
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

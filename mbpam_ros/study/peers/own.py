@@ -1,0 +1,122 @@
+"""The peers' problem in the plant's tier ``rod``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbpam_ros.actuator.chambers import FINGER_COUNT
+from mbpam_ros.configuration import load_config
+from mbpam_ros.plant.moving import RodTier
+from mbpam_ros.plant.tiers import Actuation, PlantConfig, RigidBody, TierSetup
+from mbpam_ros.study.peers.grasp import Grasp, hand_motion
+from mbpam_ros.study.peers.problem import (
+    Array,
+    FingerProblem,
+    ReferenceSolutionError,
+    sample_tips,
+    static_tips,
+    tip_errors,
+)
+
+_REFERENCE_MODES, _REFERENCE_STEP_S, _REFERENCE_PCT = 6, 0.00025, 0.01
+
+
+class OwnFreeBend:
+    """Tier ``rod`` with a number of modes and a step."""
+
+    def __init__(self, problem: FingerProblem, modes: int, step_s: float) -> None:
+        self._tier = RodTier(_setup(problem, modes, step_s, None, np.empty((0, 3))))
+        self._on = _actuation(problem)
+        self._step_s = step_s
+
+    def reset(self) -> None:
+        """Hang straight, at rest."""
+        self._tier.reset()
+
+    def advance(self, seconds: float) -> None:
+        """Go on, all steps in one Python call."""
+        still = np.zeros(round(seconds / self._step_s) + 1)
+        self._tier.step(self._on, self._on, still, still)
+
+    def advance_singly(self, seconds: float) -> None:
+        """Go on, one Python call a step."""
+        still, on, step = np.zeros(2), self._on, self._tier.step
+        for _ in range(round(seconds / self._step_s)):
+            step(on, on, still, still)
+
+    def tips_m(self) -> Array:
+        """Return the tips, shape (4, 3)."""
+        return self._tier.state().centreline_m[:, -1]
+
+
+class OwnGrasp:
+    """Tier ``rod`` that closes on a sphere and lifts it."""
+
+    def __init__(self, grasp: Grasp, modes: int, step_s: float) -> None:
+        body = RigidBody(
+            "sphere", (2.0 * grasp.radius_m,) * 3, grasp.mass_kg, np.array([0.0, 0.0, grasp.depth_m]),
+            np.array([0.0, 0.0, 0.0, 1.0]),
+        )  # fmt: skip
+        plane = np.array(
+            [[grasp.depth_m + grasp.radius_m, grasp.stand_half_m, grasp.stand_half_m], [1.0, np.inf, np.inf]]
+        )
+        self._tier = RodTier(_setup(grasp.problem, modes, step_s, body, plane, grasp.friction))
+        self._on, self._step_s, self._grasp = _actuation(grasp.problem), step_s, grasp
+        self._time_s = 0.0
+
+    def reset(self) -> None:
+        """Open, hand down."""
+        self._tier.reset()
+        self._time_s = 0.0
+
+    def advance(self, seconds: float) -> None:
+        """Go on, all steps in one Python call."""
+        times = self._time_s + np.arange(round(seconds / self._step_s) + 1) * self._step_s
+        self._tier.step(self._on, self._on, *hand_motion(times))
+        self._time_s += seconds
+
+    def rise_m(self) -> float:
+        """Return how far the sphere has risen."""
+        return self._grasp.depth_m - float(self._tier.state().body.position_m[2])
+
+
+def reference_tips(problem: FingerProblem) -> Array:
+    """Return the converged tips (SAMPLES + 1, 4, 3), checked against the boundary value problem.
+
+    Raises:
+        ReferenceSolutionError: at rest they differ from its solution by more than 0.01 % of the length.
+    """
+    fine = OwnFreeBend(problem, _REFERENCE_MODES, _REFERENCE_STEP_S)
+    tips, length = sample_tips(fine.advance, fine.tips_m), problem.geometry.length_m
+    error = tip_errors(tips[-1:].repeat(2, 0), static_tips(problem)[None].repeat(2, 0), length).static_pct
+    if not error < _REFERENCE_PCT:
+        raise ReferenceSolutionError(
+            f"tier rod with {_REFERENCE_MODES} modes is {error:g} % off the solved rod at rest"
+        )
+    return tips
+
+
+def _actuation(problem: FingerProblem) -> Actuation:
+    return Actuation(problem.moment_n_m * problem.inward, np.full(FINGER_COUNT, problem.stiffness_n_m2))
+
+
+def _setup(
+    problem: FingerProblem, modes: int, step_s: float, body: RigidBody | None, planes: Array, friction: float = 0.6
+) -> TierSetup:
+    config = load_config(PlantConfig, "plant.yaml")
+    return TierSetup(
+        geometry=problem.geometry,
+        finger_base_m=problem.base_m,
+        gravity_m_s2=problem.gravity_m_s2,
+        sub_step_s=step_s,
+        body=body,
+        planes_m=planes,
+        config=replace(
+            config,
+            retardation_time_s=problem.retardation_s,
+            finger_object=replace(config.finger_object, friction_coefficient=friction),
+        ),
+        modes=modes,
+    )

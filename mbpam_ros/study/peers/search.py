@@ -1,0 +1,98 @@
+"""The cheapest setting that is accurate enough, and fair timing of two rivals."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+from mbpam_ros.study.peers.problem import Array, TipErrors, sample_tips, tip_errors
+
+
+TIMED_S, SEARCHED_S = 3.0, 0.6
+"""Simulated time that the rivals are timed over, and that each setting of the search is."""
+
+
+class AccuracyError(RuntimeError):
+    """No setting that was tried is accurate enough."""
+
+
+class Simulation(Protocol):
+    """A simulation that can be started again."""
+
+    def reset(self) -> None:
+        """Go back to the start."""
+
+    def advance(self, seconds: float) -> None:
+        """Go on."""
+
+    def tips_m(self) -> Array:
+        """Return the tips now, shape (4, 3)."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A setting, its errors, its cost, and the simulation itself."""
+
+    setting: dict[str, object]
+    errors: TipErrors
+    cpu_ms_per_s: float
+    simulation: Simulation
+
+    def as_json(self) -> dict[str, object]:
+        """Return what JSON can hold of it."""
+        return {
+            **self.setting,
+            "static_error_pct": self.errors.static_pct,
+            "transient_error_pct": self.errors.transient_pct,
+            "searched_cpu_ms_per_s": self.cpu_ms_per_s,
+        }
+
+
+def cpu_ms_per_s(simulation: Simulation, advance: Callable[[float], None], seconds: float = TIMED_S) -> float:
+    """Return the CPU time [ms] per simulated second, from the start."""
+    simulation.reset()
+    start = time.process_time()
+    advance(seconds)
+    return 1e3 * (time.process_time() - start) / seconds
+
+
+def try_settings(
+    build: Callable[..., Simulation], settings: Iterable[dict[str, object]], reference_m: Array, length_m: float
+) -> list[Tried]:
+    """Run every setting: ``build(**setting)`` against the reference tips, and its cost."""
+    tried = []
+    for setting in settings:
+        simulation = build(**setting)
+        errors = tip_errors(sample_tips(simulation.advance, simulation.tips_m), reference_m, length_m)
+        cost = cpu_ms_per_s(simulation, simulation.advance, SEARCHED_S)
+        tried.append(Tried(setting, errors, cost, simulation))
+    return tried
+
+
+def cheapest(tried: Iterable[Tried], static_pct: float, transient_pct: float) -> Tried:
+    """Return the cheapest of those within both errors.
+
+    Raises:
+        AccuracyError: there is none.
+    """
+    good = [one for one in tried if one.errors.within(static_pct, transient_pct)]
+    if not good:
+        raise AccuracyError(
+            f"no setting reaches a static error of {static_pct} % and a transient one of {transient_pct} %"
+        )
+    return min(good, key=lambda one: one.cpu_ms_per_s)
+
+
+def compare(ours: Callable[[], float], peer: Callable[[], float], runs: int) -> dict[str, float | list[float]]:
+    """Time the two in turn; return the median cost of each and the median of the ratios peer / ours."""
+    pairs = [(ours(), peer()) for _ in range(runs + 1)][1:]  # the first run warms up
+    ratios = [other / own for own, other in pairs]
+    return {
+        "ours_cpu_ms_per_s": statistics.median(own for own, _ in pairs),
+        "peer_cpu_ms_per_s": statistics.median(other for _, other in pairs),
+        "ratio": statistics.median(ratios),
+        "ratios": ratios,
+    }
