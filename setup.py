@@ -58,6 +58,7 @@ setup(
         "study": ["matplotlib", "pymoo"],  # pictures and NSGA-II of the design study; all else needs no extra
         "fem": ["felupe>=11", "pypardiso", "matplotlib"],  # offline finite elements; without pypardiso SciPy solves
         "cluster": ["distributed"],  # their many runs on many machines
+        "bench": ["mujoco>=3", "pyelastica"],  # the simulators that benchmark_peers compares with
         "test": TEST,
     },
     tests_require=TEST,
@@ -65,6 +66,7 @@ setup(
     entry_points={
         "console_scripts": [
             *(f"{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
+            f"benchmark_peers = {PACKAGE}.study.peers.benchmark_peers:main",
             f"calibrate_fe = {PACKAGE}.study.fe.calibrate_fe:main",
             *(f"{command} = {PACKAGE}.study.design.{command}:main" for command in DESIGN_STUDY),
             *(f"{command} = {PACKAGE}.study.fidelity.{command}:main" for command in FIDELITY),

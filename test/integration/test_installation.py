@@ -17,7 +17,8 @@ from mbpam_ros.nodes.system import NODES, Operator  # isort: skip
 
 SOURCE = Path(__file__).parents[2]
 DESIGN_STUDY = {"sample_design", "compare_metamodels", "optimise_design"}
-EXECUTABLES = {*NODES, *DESIGN_STUDY, "bringup", "demo", "calibrate_fe", "fidelity_trade", "grasp_study", "plan"}
+OTHERS = {"bringup", "demo", "benchmark_peers", "calibrate_fe", "fidelity_trade", "grasp_study", "plan"}
+EXECUTABLES = {*NODES, *DESIGN_STUDY, *OTHERS}
 START_S = 60.0
 STOP_S = 10.0
 COMMAND_S = 90.0

@@ -18,6 +18,7 @@ from pathlib import Path
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.tiers import PlantConfig
+from mbpam_ros.study.fidelity.boundary_value import BoundaryValueError
 from mbpam_ros.study.peers.grasp import CLOSE_S, HELD_SHARE, HOLD_S, LIFT_M, LIFT_S, Grasp
 from mbpam_ros.study.peers.mujoco_model import (
     CONE,
@@ -53,7 +54,14 @@ def main(arguments: list[str] | None = None) -> int:
         result = run(gripper, retardation, options.runs)
         if options.json is not None:
             write_json(options.json, result)
-    except (PeerMissingError, ConfigError, ReferenceSolutionError, AccuracyError, ResultFileError) as error:
+    except (
+        PeerMissingError,
+        ConfigError,
+        BoundaryValueError,
+        ReferenceSolutionError,
+        AccuracyError,
+        ResultFileError,
+    ) as error:
         print(f"benchmark_peers: {error}", file=sys.stderr)
         return 1
     _print(result)
@@ -65,7 +73,8 @@ def run(gripper: Gripper, retardation_s: float, runs: int) -> dict[str, object]:
 
     Raises:
         PeerMissingError: a simulator is not installed.
-        ReferenceSolutionError: the reference is not the solution.
+        BoundaryValueError: the static problem was not solved.
+        ReferenceSolutionError: the reference is not its solution.
         AccuracyError: a simulator was not accurate enough at any setting.
     """
     problem = finger_problem(gripper, PRESSURE_PA, retardation_s)
@@ -102,7 +111,7 @@ def mujoco_settings() -> list[dict[str, object]]:
         "discrete": [*itertools.product((6, 8), (0.002, 0.0015, 0.001)), *itertools.product((17,), (0.0005, 0.0003))],
         "implicitfast": [
             *itertools.product((6, 7, 8, 10), (0.005, 0.00375, 0.003, 0.0025, 0.002)),
-            *itertools.product((17, 18, 20), (0.001, 0.00075, 0.0005)),
+            *itertools.product((17, 18), (0.00075, 0.0006, 0.0005)),
         ],
         "implicit": [(7, 0.003), (17, 0.0005)],
     }

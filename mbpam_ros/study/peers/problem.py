@@ -15,12 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_bvp
 
 from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.gripper import Gripper
+from mbpam_ros.study.fidelity.boundary_value import hanging_tip_m
 
 Array = NDArray[np.float64]
 
@@ -109,32 +109,11 @@ def sample_tips(advance: Callable[[float], None], tips_m: Callable[[], Array]) -
 
 
 def static_tips(problem: FingerProblem) -> Array:
-    """Return the tips at rest, shape (4, 3), by collocation of the boundary value problem (``solve_bvp``).
-
-    With theta the angle from the vertical, s along the active part of length L, e the length of an end, w the weight
-    per length: B theta'' = w (L + e - s) sin(theta); theta(0) = 0, B theta'(L) = M0 - w e^2 / 2 sin(theta(L)).
+    """Return the tips at rest, shape (4, 3), of the boundary-value problem.
 
     Raises:
-        ReferenceSolutionError: the collocation did not converge.
+        BoundaryValueError: it was not solved.
     """
-    geometry, stiffness = problem.geometry, problem.stiffness_n_m2
-    active, end = geometry.active_length_m, geometry.end_length_m
-    weight = geometry.mass_per_length_kg_m * problem.gravity_m_s2
-
-    def slopes(s: Array, y: Array) -> Array:
-        load = weight * (active + end - s) * np.sin(y[0]) / stiffness
-        return np.array([y[1], load, np.sin(y[0]), np.cos(y[0])])
-
-    def ends(a: Array, b: Array) -> Array:
-        tip = b[1] - (problem.moment_n_m - 0.5 * weight * end**2 * np.sin(b[0])) / stiffness
-        return np.array([a[0], tip, a[2], a[3] - end])
-
-    s = np.linspace(0.0, active, 41)
-    free = problem.moment_n_m / stiffness
-    guess = np.array([free * s, np.full_like(s, free), 0.5 * s, end + 0.5 * s])
-    solution = solve_bvp(slopes, ends, s, guess, tol=1e-9, max_nodes=20000)
-    if not solution.success:
-        raise ReferenceSolutionError(f"no static solution of the hanging rod: {solution.message}")
-    angle, _, across, depth = solution.y[:, -1]
-    reach, depth = across + end * math.sin(angle), depth + end * math.cos(angle)
-    return problem.base_m + np.column_stack([reach * problem.inward, np.full(len(problem.base_m), depth)])
+    moments = problem.moment_n_m * problem.inward
+    hanging = [hanging_tip_m(moment, problem.stiffness_n_m2, problem.geometry) for moment in moments]
+    return problem.base_m + np.array(hanging)

@@ -10,7 +10,6 @@ from typing import Protocol
 
 from mbpam_ros.study.peers.problem import Array, TipErrors, sample_tips, tip_errors
 
-
 TIMED_S, SEARCHED_S = 3.0, 0.6
 """Simulated time that the rivals are timed over, and that each setting of the search is."""
 

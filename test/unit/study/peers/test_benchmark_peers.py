@@ -1,0 +1,88 @@
+"""The comparison with other simulators: what needs none of them, and short runs of those that are installed."""
+
+import sys
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from mbpam_ros.gripper import load_gripper
+from mbpam_ros.study.peers.benchmark_peers import main
+from mbpam_ros.study.peers.mujoco_model import MujocoFreeBend, link_spans, model_xml
+from mbpam_ros.study.peers.own import OwnFreeBend
+from mbpam_ros.study.peers.problem import TipErrors, finger_problem, static_tips, tip_errors
+from mbpam_ros.study.peers.pyelastica_model import PyelasticaFreeBend, rod_elements
+from mbpam_ros.study.peers.search import AccuracyError, Tried, cheapest, compare
+
+PROBLEM = finger_problem(load_gripper(), 100e3, 0.02)
+
+
+@pytest.mark.parametrize("module", ["mujoco", "elastica"])
+def test_without_a_peer_the_command_says_what_to_install(module, monkeypatch, capsys):
+    if module == "elastica":
+        monkeypatch.setitem(sys.modules, "mujoco", object())
+    monkeypatch.setitem(sys.modules, module, None)
+    assert main([]) == 1
+    assert "pip install 'mbpam_ros[bench]'" in capsys.readouterr().err
+
+
+def test_chain_has_the_muscle_in_mass_compliance_and_free_bend():
+    joints = ElementTree.fromstring(model_xml(PROBLEM, 8, 0.002, "implicitfast")).findall(".//joint")
+    bending = [joint for joint in joints if joint.get("axis") == "0 1 0"]
+    assert len(joints) == 4 * 8 * 2
+    compliance = sum(1.0 / float(joint.get("stiffness")) for joint in bending) / 4
+    assert compliance == pytest.approx(PROBLEM.geometry.active_length_m / PROBLEM.stiffness_n_m2)
+    free = sum(float(joint.get("springref")) for joint in bending) / 4
+    assert free == pytest.approx(PROBLEM.moment_n_m * PROBLEM.geometry.active_length_m / PROBLEM.stiffness_n_m2)
+    spans = link_spans(PROBLEM, 8)
+    assert spans[0, 0] == 0.0 and spans[-1, 1] == PROBLEM.geometry.length_m
+    np.testing.assert_array_equal(spans[1:, 0], spans[:-1, 1])
+
+
+def test_elements_of_cosserat_rods_end_where_the_muscle_does():
+    elements, start, length = rod_elements(PROBLEM, 10)
+    assert elements == 12
+    assert start + elements * length == pytest.approx(PROBLEM.geometry.length_m)
+
+
+def test_tips_at_rest_are_those_of_the_boundary_value_problem():
+    own = OwnFreeBend(PROBLEM, modes=4, step_s=0.005)
+    own.advance(3.0)
+    np.testing.assert_allclose(own.tips_m(), static_tips(PROBLEM), atol=1e-5)
+
+
+def test_errors_are_relative_to_the_length_and_infinite_where_not_finite():
+    reference = np.zeros((4, 4, 3))
+    found = reference.copy()
+    found[0, 1, 0], found[-1, 2, 1] = 0.03, 0.01
+    errors = tip_errors(found, reference, 1.0)
+    assert errors.static_pct == pytest.approx(1.0)
+    assert errors.transient_pct == pytest.approx(3.0 / np.sqrt(3.0))
+    found[0, 0, 0] = np.nan
+    assert not tip_errors(found, reference, 1.0).within(1e9, 1e9)
+
+
+def test_cheapest_is_among_the_accurate_or_refused():
+    tried = [Tried({}, TipErrors(static, 0.5), cost, None) for static, cost in ((2.0, 1.0), (0.5, 3.0), (0.1, 2.0))]
+    assert cheapest(tried, 1.0, 1.0).cpu_ms_per_s == 2.0
+    with pytest.raises(AccuracyError, match="0.01 %"):
+        cheapest(tried, 0.01, 1.0)
+
+
+def test_ratio_is_the_median_of_peer_over_ours():
+    ours, peer = iter([9.0, 1.0, 2.0, 1.0]), iter([9.0, 4.0, 6.0, 9.0])
+    assert compare(lambda: next(ours), lambda: next(peer), 3)["ratio"] == 4.0
+
+
+def test_mujoco_comes_to_rest_where_the_rod_does():
+    pytest.importorskip("mujoco")
+    peer = MujocoFreeBend(PROBLEM, 10, 0.002, "implicitfast")
+    peer.advance(2.0)
+    assert np.abs(peer.tips_m() - static_tips(PROBLEM)).max() < 0.005 * PROBLEM.geometry.length_m
+
+
+def test_pyelastica_comes_to_rest_where_the_rod_does():
+    pytest.importorskip("elastica")
+    peer = PyelasticaFreeBend(PROBLEM, 10, 0.0003)
+    peer.advance(2.0)
+    assert np.abs(peer.tips_m() - static_tips(PROBLEM)).max() < 0.005 * PROBLEM.geometry.length_m
