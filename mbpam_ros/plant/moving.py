@@ -126,8 +126,8 @@ class RodTier(Tier):
         if answer != multibody.OK:
             self._show()
             remedy = _REMEDY.capitalize()
-            if answer == multibody.TOO_BENT:
-                bend = np.hypot(*after.moment_n_m.T) * self._setup.geometry.active_length_m / after.stiffness_n_m2
+            bend = np.hypot(*after.moment_n_m.T) * self._setup.geometry.active_length_m / after.stiffness_n_m2
+            if answer == multibody.TOO_BENT and bend.max() > 0.5 * multibody.LARGEST_BEND_RAD:  # swings go twice as far
                 remedy = (
                     f"The air alone bends one by {np.degrees(bend.max()):.0f} deg: lower its pressure. Or {_REMEDY}"
                 )
