@@ -68,6 +68,7 @@ setup(
             *(f"{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
             f"benchmark_peers = {PACKAGE}.study.peers.benchmark_peers:main",
             f"calibrate_fe = {PACKAGE}.study.fe.calibrate_fe:main",
+            f"stability_map = {PACKAGE}.study.stability_map:main",
             *(f"{command} = {PACKAGE}.study.design.{command}:main" for command in DESIGN_STUDY),
             *(f"{command} = {PACKAGE}.study.fidelity.{command}:main" for command in FIDELITY),
             f"grasp_study = {PACKAGE}.study.grasp.grasp_study:main",

@@ -15,6 +15,10 @@ from mbpam_ros.plant.finger_contact import FINGER_FINGER
 Array = NDArray[np.float64]
 
 NEWTON_LIMIT = 60
+LINE_LIMIT = 40
+BISECT_FROM = 5
+"""Trials along one of Newton's steps after which every other one halves what is left of it. Where a contact closes
+further along, the slope is next to nothing before it and huge beyond: false position alone creeps toward it."""
 VELOCITY_TOLERANCE = 1e-8
 """Largest residual over diagonal [m/s or rad/s] at which the velocities are found."""
 
@@ -163,13 +167,13 @@ def solve_contacts(
             step[i] = residual[i]
         if not solve_in_place(hessian, step, first):
             return np.inf, iteration
-        # The function's slope along the step rises from below zero: Illinois steps to its root, if that is before 1.
+        # The function's slope along the step rises from below zero: seek its root, if that is before 1 (Illinois).
         low, high, low_slope, high_slope, fraction = 0.0, 1.0, 0.0, 0.0, 1.0
         for i in range(size):
             low_slope -= residual[i] * step[i]
         enough = 1e-2 * abs(low_slope)
         side = 0
-        for line in range(10):
+        for line in range(LINE_LIMIT):
             for i in range(size):
                 trial[i] = v[i] - fraction * step[i]
             _residual(a, b, trial, h, laws, contacts, first, residual)
@@ -186,7 +190,10 @@ def solve_contacts(
                 low, low_slope = fraction, here
                 high_slope *= 0.5 if side < 0 else 1.0
                 side = -1
-            fraction = (low * high_slope - high * low_slope) / (high_slope - low_slope)
+            if line < BISECT_FROM or line % 2 == 0:
+                fraction = (low * high_slope - high * low_slope) / (high_slope - low_slope)
+            else:
+                fraction = 0.5 * (low + high)
         for i in range(size):
             v[i] = trial[i]
     return left, iteration

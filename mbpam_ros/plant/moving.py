@@ -36,12 +36,11 @@ _DAMPED_S, _UNDAMPED_SWEEPS = 1e-3, 30
 _FREE_MODES, _CONTACT_MODES, _FEWEST_SEGMENTS = 2, 3, 4
 _REASONS = {
     multibody.NOT_FINITE: "a velocity is no longer finite",
-    multibody.ABSURD: (
-        f"a bend is beyond {np.degrees(multibody.LARGEST_BEND_RAD):.0f} deg, or something moves faster than 5000 rad/s "
-        "or 50 m/s"
-    ),
+    multibody.TOO_FAST: "something moves faster than 5000 rad/s or 50 m/s",
+    multibody.TOO_BENT: f"a bend is beyond {np.degrees(multibody.LARGEST_BEND_RAD):.0f} deg",
     multibody.NOT_SOLVED: "the contact equations were not solved",
 }
+_REMEDY = "use a smaller sub_step_s, a smaller contact stiffness, or a larger retardation_time_s or damping."
 
 
 class RodTier(Tier):
@@ -126,9 +125,14 @@ class RodTier(Tier):
         answer, self.iterations = self._advance(state, drive, self._system, self._contacts, self._motion, self._forces)
         if answer != multibody.OK:
             self._show()
+            remedy = _REMEDY.capitalize()
+            bend = np.hypot(*after.moment_n_m.T) * self._setup.geometry.active_length_m / after.stiffness_n_m2
+            if answer == multibody.TOO_BENT and bend.max() > 0.5 * multibody.LARGEST_BEND_RAD:  # swings go twice as far
+                remedy = (
+                    f"The air alone bends one by {np.degrees(bend.max()):.0f} deg: lower its pressure. Or {_REMEDY}"
+                )
             raise PlantDivergedError(
-                f"tier {self.name!r} at a sub-step of {self._setup.sub_step_s:g} s: {_REASONS[answer]}. Use a smaller "
-                "sub_step_s, a smaller contact stiffness, or a larger retardation_time_s or damping."
+                f"tier {self.name!r} at a sub-step of {self._setup.sub_step_s:g} s: {_REASONS[answer]}. {remedy}"
             )
         self._state = state
 

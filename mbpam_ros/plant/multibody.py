@@ -50,7 +50,7 @@ from mbpam_ros.plant.rod import Motion, Rod, masses_and_loads, move_rods
 
 Array = NDArray[np.float64]
 
-OK, NOT_FINITE, ABSURD, NOT_SOLVED = 0, 1, 2, 3
+OK, NOT_FINITE, TOO_FAST, NOT_SOLVED, TOO_BENT = 0, 1, 2, 3, 4
 """What a step answers."""
 
 SOLVED_M_S = 1e-4
@@ -252,12 +252,12 @@ def _move(state: State, start: Array, h: float, theta: Array, turn: Array) -> in
         if not math.isfinite(v[i]):
             return NOT_FINITE
         if abs(v[i]) > (5000.0 if i < n else (50.0 if i < n + 3 else 1000.0)):
-            return ABSURD
+            return TOO_FAST
     for i in range(n):
         t = theta[i // (n // fingers)]
         shape[i] += h * ((1.0 - t) * start[i] + t * v[i])
         if abs(shape[i]) > LARGEST_BEND_RAD:
-            return ABSURD
+            return TOO_BENT
     if v.shape[0] > n:
         t = theta[-1]
         for i in range(6):

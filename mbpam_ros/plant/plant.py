@@ -14,6 +14,7 @@ from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FING
 from mbpam_ros.actuator.rod_law import RodLaw
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.gripper import Gripper
+from mbpam_ros.plant.clearance import finger_clearance_m
 from mbpam_ros.plant.fidelity import Tolerance
 from mbpam_ros.plant.lift import HandLift, LiftAnswer
 from mbpam_ros.plant.planner import planned_scene
@@ -91,7 +92,8 @@ def build_plant(
         seed: of the transducers' noise. The same seed and steps give the same bits.
 
     Raises:
-        ConfigError: a file is wrong, the object starts inside its support or the palm, or no plan fits the scene.
+        ConfigError: a file is wrong, the object starts inside its support, the palm or a finger, or no plan fits the
+            scene.
         TierError: no such tier, or it cannot compute what the scene holds.
         PneumaticsInputError: no such pneumatic model.
     """
@@ -246,13 +248,16 @@ def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetu
             f"scene {scene.name}: the table is {planes[-1, 0]:g} m under the palm, the hanging muscles reach "
             f"{gripper.geometry.length_m:g} m; use a deeper table, or a slim stand on one (half_size_m, stand_height_m)"
         )
+    body = _body(scene)
+    if body is not None:
+        _refuse_inside_a_finger(scene, body, gripper)
     tolerance = scene.config.tolerance or Tolerance()
     return TierSetup(
         geometry=gripper.geometry,
         finger_base_m=gripper.finger_base_m,
         gravity_m_s2=scene.config.gravity_m_s2,
         sub_step_s=scene.config.sub_step_s,
-        body=_body(scene),
+        body=body,
         planes_m=planes,
         config=config,
         modes=scene.config.modes,
@@ -282,3 +287,13 @@ def _body(scene: Scene) -> RigidBody | None:
                 f"set support.depth_m to {support.depth_m + inside:.4f}"
             )
     return RigidBody(spec.shape, spec.size_m, spec.mass_kg, position, orientation)
+
+
+def _refuse_inside_a_finger(scene: Scene, body: RigidBody, gripper: Gripper) -> None:
+    clearance = finger_clearance_m(body, gripper.geometry, gripper.finger_base_m)
+    finger = int(np.argmin(clearance))
+    if clearance[finger] < -REST_TOLERANCE_M:
+        raise ConfigError(
+            f"scene {scene.name}: the object starts {-1e3 * clearance[finger]:.1f} mm inside finger {finger + 1} as it "
+            "hangs; move object_position_m away from it, turn the object (object_yaw_rad), or use a smaller one"
+        )

@@ -82,6 +82,20 @@ def test_an_object_inside_the_palm_is_refused_with_the_depth_that_would_do(tmp_p
         build_plant(scene, load_gripper())
 
 
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"object_position_m": [0.010, 0.012, 0.085]}, r"5\.5 mm inside finger 1"),
+        ({"object_position_m": [-0.020, 0.035, 0.145]}, r"10\.7 mm inside finger 2"),  # at its rounded tip
+        ({"object": "aluminium_tube", "object_yaw_rad": 0.8}, r"19\.3 mm inside finger [24].*object_yaw_rad"),
+        ({"object": "carton", "object_position_m": [0.020, 0.0, 0.085]}, r"12\.1 mm inside finger [14]"),
+    ],
+)
+def test_an_object_inside_a_straight_finger_is_refused(tmp_path, values, message):
+    with pytest.raises(ConfigError, match=message):
+        build_plant(load_scene(changed(tmp_path, support=None, **values)), load_gripper())
+
+
 def test_a_table_that_the_hanging_muscles_would_pierce_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="deeper table"):
         build_plant(load_scene(changed(tmp_path, support={"depth_m": 0.115})), load_gripper())

@@ -43,7 +43,9 @@ def test_friction_decides_about_the_tomato_and_not_about_the_bulb():
 def test_an_object_that_is_refused_is_not_held_and_the_reason_is_kept():
     scene = load_scene("tomato")
     wide = dataclasses.replace(scene.object, shape="box", size_m=(0.3, 0.3, 0.07))
-    refused = run_trial(dataclasses.replace(scene, object=wide), GRIPPER, 100e3)
+    support = dataclasses.replace(scene.config.support, depth_m=0.205)  # under the tips: a finger is in nothing
+    config = dataclasses.replace(scene.config, object_position_m=(0.0, 0.0, 0.170), support=support)
+    refused = run_trial(dataclasses.replace(scene, config=config, object=wide), GRIPPER, 100e3)
     assert not refused.held and refused.mode == "" and refused.close_s is None and "tomato" in refused.note
 
 

@@ -1,0 +1,40 @@
+"""How far an object is from the fingers as they hang before anything moves."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.actuator.design import MuscleGeometry
+from mbpam_ros.plant.shapes import SHAPE_CODES, signed_distance
+from mbpam_ros.plant.tiers import RigidBody
+
+_SPACING_M = 0.001
+_distance = getattr(signed_distance, "py_func", signed_distance)
+"""Not compiled: that would take longer than these few hundred points."""
+
+
+def finger_clearance_m(
+    body: RigidBody, geometry: MuscleGeometry, finger_base_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the gap [m] between the object at its start and each straight finger, shape (4,); negative inside.
+
+    A finger is its axis swept by a ball of its radius, up to its rounded tip; sought every millimetre along it.
+    """
+    x, y, z, w = body.orientation_xyzw
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    end_m = geometry.length_m - geometry.outer_radius_m
+    along = np.linspace(0.0, end_m, 1 + round(end_m / _SPACING_M))
+    half = 0.5 * np.asarray(body.size_m)
+    clearance = np.empty(len(finger_base_m))
+    for finger, base in enumerate(finger_base_m):
+        points = (base + along[:, None] * [0.0, 0.0, 1.0] - body.position_m) @ rotation
+        distances = [_distance(SHAPE_CODES[body.shape], half, *point)[0] for point in points.tolist()]
+        clearance[finger] = min(distances) - geometry.outer_radius_m
+    return clearance

@@ -1,0 +1,229 @@
+"""Command ``stability_map``: where the plant's steps are stable, over step size, contact stiffness and tier.
+
+    stability_map                     steps from 0.01 ms to 1 s, stiffnesses from 100 N/m to 1e8 N/m; two minutes
+    stability_map --quick             a coarse map, in seconds
+    stability_map --json FILE         the map as a list of cells
+
+In each cell the four muscles close on a sphere (60 mm, 46 g) that stands between them: the air rises to 80 kPa in 0.3 s
+and stays for 0.5 s (free 2 s), or five steps where that is longer. The stiffness is that of muscles on the object and
+on each other; the column ``free`` has no object, and fingers that pass through each other. What is printed:
+
+    3.1     at rest; what is left of the forces on the object is 3.1 % of its weight
+    moving  finite, but not at rest when the time is over
+    stop N  a typed error, which says what to change; N is its line below the map
+
+A number that is not finite, or an error of another kind, is a fault of the plant: the command then fails.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mbpam_ros.actuator.calibration import calibrated_rod_law
+from mbpam_ros.actuator.chambers import pressurised_chambers
+from mbpam_ros.configuration import ConfigError, load_config
+from mbpam_ros.gripper import Gripper, load_gripper
+from mbpam_ros.plant.tiers import (
+    Actuation,
+    PlantConfig,
+    PlantDivergedError,
+    RigidBody,
+    Tier,
+    TierError,
+    TierSetup,
+    TierState,
+    build_tier,
+)
+from mbpam_ros.study.result_file import ResultFileError, write_json
+
+TIERS = ("static", "arc", "rod")
+STEPS_S = (1e-5, 1e-4, 1e-3, 2e-3, 5e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
+STIFFNESSES_N_M = (1e2, 1e3, 2e3, 1e4, 1e5, 1e6, 1e7, 1e8)
+QUICK_STEPS_S = (1e-3, 1e-2, 0.1, 1.0)
+QUICK_STIFFNESSES_N_M = (2e3, 1e5, 1e8)
+
+PRESSURE_GAUGE_PA = 80e3
+CLOSING_S, HOLDING_S, FREE_HOLDING_S, FEWEST_STEPS = 0.3, 0.5, 2.0, 5
+GRAVITY_M_S2 = 9.81
+AT_REST_M_S = 1e-3
+"""Speed of the object, and of the free tips, below which a cell is at rest."""
+
+_SIZE_M, _MASS_KG, _DEPTH_M = 0.060, 0.046, 0.085
+_STAND_M = np.array([[_DEPTH_M + 0.5 * _SIZE_M, 0.01, 0.01], [0.315, np.inf, np.inf]])
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell of the map.
+
+    Args:
+        tier: how the muscles are computed.
+        step_s: length of a step.
+        stiffness_n_m: of the contacts of muscles; none in the column ``free``.
+        outcome: ``at_rest``, ``moving``, ``stopped`` (a typed error) or ``fault``.
+        force_error_pct: what is left of the forces on the object over its weight; none unless held at rest.
+        message: of the error; empty without one.
+    """
+
+    tier: str
+    step_s: float
+    stiffness_n_m: float | None
+    outcome: str
+    force_error_pct: float | None
+    message: str
+
+
+def run_cell(tier: str, step_s: float, stiffness_n_m: float | None, gripper: Gripper, config: PlantConfig) -> Cell:
+    """Close the muscles in one cell and say what came of it."""
+    if stiffness_n_m is not None:
+        config = dataclasses.replace(
+            config,
+            finger_object=dataclasses.replace(config.finger_object, stiffness_n_m=stiffness_n_m),
+            finger_finger=dataclasses.replace(config.finger_finger, stiffness_n_m=stiffness_n_m),
+        )
+    state: TierState | None = None
+    outcome, message = "", ""
+    try:
+        muscles = build_tier(tier, _setup(step_s, stiffness_n_m is not None, gripper, config))
+        _close(muscles, step_s, FREE_HOLDING_S if stiffness_n_m is None else HOLDING_S, gripper)
+        state = muscles.state()
+    except (PlantDivergedError, TierError) as error:
+        outcome, message = "stopped", str(error)
+    except Exception as error:  # any other kind is what this command looks for
+        outcome, message = "fault", f"{type(error).__name__}: {error}"
+    if state is not None:
+        outcome = _outcome(state, gripper)
+    error_pct = _force_error_pct(state) if state is not None and state.body and outcome == "at_rest" else None
+    return Cell(tier, step_s, stiffness_n_m, outcome, error_pct, message)
+
+
+def stability_map(steps_s: Sequence[float], stiffnesses_n_m: Sequence[float]) -> Iterator[Cell]:
+    """Yield the cells of all tiers, row by row; the tier ``static`` has the column ``free`` only.
+
+    Raises:
+        ConfigError: the gripper's or the plant's file is wrong.
+    """
+    gripper, config = load_gripper(), load_config(PlantConfig, "plant.yaml")
+    for tier in TIERS:
+        for step_s in steps_s:
+            for stiffness in (None, *(() if tier == "static" else stiffnesses_n_m)):
+                yield run_cell(tier, step_s, stiffness, gripper, config)
+
+
+def map_text(cells: Sequence[Cell]) -> str:
+    """Return the map as text, the messages of typed errors below it."""
+    messages = list(dict.fromkeys(_without_step(cell.message) for cell in cells if cell.message))
+    lines = []
+    for tier in dict.fromkeys(cell.tier for cell in cells):
+        own = [cell for cell in cells if cell.tier == tier]
+        columns = list(dict.fromkeys(cell.stiffness_n_m for cell in own))
+        lines += [f"tier {tier}", f"{'N/m':>10}" + "".join(f"{_column(column):>9}" for column in columns)]
+        for step_s in dict.fromkeys(cell.step_s for cell in own):
+            row = {cell.stiffness_n_m: cell for cell in own if cell.step_s == step_s}
+            lines.append(f"{1e3 * step_s:>7g} ms" + "".join(f"{_text(row[c], messages):>9}" for c in columns))
+        lines.append("")
+    lines += [f"{number}: {message}" for number, message in enumerate(messages, 1)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit status."""
+    options = _parser().parse_args(arguments)
+    steps, stiffnesses = (
+        (QUICK_STEPS_S, QUICK_STIFFNESSES_N_M) if options.quick else (STEPS_S, STIFFNESSES_N_M)
+    )  # fmt: skip
+    try:
+        cells = list(stability_map(steps, stiffnesses))
+        print(map_text(cells), end="")
+        if options.json is not None:
+            write_json(options.json, {"cells": [dataclasses.asdict(cell) for cell in cells]})
+    except (ConfigError, ResultFileError) as error:
+        print(f"stability_map: {error}", file=sys.stderr)
+        return 1
+    faults = [cell for cell in cells if cell.outcome == "fault"]
+    if faults:
+        print(f"stability_map: {len(faults)} cells ended neither finite nor in a typed error", file=sys.stderr)
+    return 1 if faults else 0
+
+
+def _setup(step_s: float, with_object: bool, gripper: Gripper, config: PlantConfig) -> TierSetup:
+    body = RigidBody("sphere", (_SIZE_M,) * 3, _MASS_KG, np.array([0.0, 0.0, _DEPTH_M]), np.array([0.0, 0.0, 0.0, 1.0]))
+    return TierSetup(
+        geometry=gripper.geometry,
+        finger_base_m=gripper.finger_base_m,
+        gravity_m_s2=GRAVITY_M_S2,
+        sub_step_s=step_s,
+        body=body if with_object else None,
+        planes_m=_STAND_M if with_object else np.empty((0, 3)),
+        config=config,
+        fingers_touch=with_object,
+    )
+
+
+def _close(muscles: Tier, step_s: float, holding_s: float, gripper: Gripper) -> None:
+    none, full = (_inward(share * PRESSURE_GAUGE_PA, gripper) for share in (0.0, 1.0))
+    for before, duration_s, fewest in ((none, CLOSING_S, 1), (full, holding_s, FEWEST_STEPS)):
+        still = np.zeros(max(round(duration_s / step_s), fewest) + 1)
+        muscles.step(before, full, still, still)
+
+
+def _inward(pressure_gauge_pa: float, gripper: Gripper) -> Actuation:
+    law = calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
+    inward = np.arctan2(-gripper.finger_base_m[:, 1], -gripper.finger_base_m[:, 0])
+    chambers = np.array([pressurised_chambers(azimuth) for azimuth in inward], dtype=float)
+    return Actuation(*law.moment_and_stiffness(pressure_gauge_pa * chambers))
+
+
+def _outcome(state: TierState, gripper: Gripper) -> str:
+    tip_m_s = gripper.geometry.length_m * np.abs(state.bend_rate_rad_s).max()
+    numbers = [state.bend_rad, state.centreline_m, state.finger_force_n, state.between_fingers_force_n, tip_m_s]
+    speed = tip_m_s
+    if state.body is not None:
+        speed = np.linalg.norm(state.body.velocity_m_s)
+        numbers += [state.body.position_m, state.body.orientation_xyzw, speed, state.support_force_n]
+    if not all(np.isfinite(number).all() for number in numbers):
+        return "fault"
+    return "at_rest" if speed < AT_REST_M_S else "moving"
+
+
+def _force_error_pct(state: TierState) -> float:
+    weight_n = _MASS_KG * GRAVITY_M_S2
+    total = state.finger_force_n.sum(axis=0) + state.support_force_n + state.palm_force_n
+    return 100.0 * float(np.linalg.norm(total + [0.0, 0.0, weight_n])) / weight_n
+
+
+def _column(stiffness_n_m: float | None) -> str:
+    return "free" if stiffness_n_m is None else f"{stiffness_n_m:.0e}"
+
+
+def _text(cell: Cell, messages: Sequence[str]) -> str:
+    if cell.message:
+        return f"{'FAULT' if cell.outcome == 'fault' else 'stop'} {messages.index(_without_step(cell.message)) + 1}"
+    if cell.outcome != "at_rest":
+        return "FAULT" if cell.outcome == "fault" else cell.outcome
+    return "at rest" if cell.force_error_pct is None else f"{cell.force_error_pct:.1f}"
+
+
+def _without_step(message: str) -> str:
+    """Return the message without its step and tier, which the map shows."""
+    return message.split(" s: ", 1)[-1]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        "stability_map", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="where the cells go")
+    parser.add_argument("--quick", action="store_true", help="a coarse map")
+    return parser
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
