@@ -27,16 +27,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.nodes.progress import LiveLine, table
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
-from mbpam_ros.plant.scene import Scene, load_scene
+from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
+from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S
 from mbpam_ros.study.grasp_report import GraspRecord, ReportError, draw_report
 
-PAPER_OBJECTS = ("tomato", "bulb", "banana", "tube", "carton")
-"""Scenes of the paper's figure 10, in its order."""
-
-HELD_SHARE = 0.9
-"""An object that rose by this part of the hand's rise, and stays there, is held."""
-
-HOLD_TIME_S = 1.0
 PATIENCE_S = 10.0
 RETRY_S = 0.25
 
@@ -218,8 +212,8 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
     watcher.event("plant/lift")
     height_m = scene.config.lift.height_m
     wait_for(lambda: watcher.palm_rise_m > height_m - 1e-3, 30.0 + 10.0 * scene.config.lift.duration_s, "lifting")
-    hold_until_s = watcher.elapsed_s + HOLD_TIME_S
-    wait_for(lambda: watcher.elapsed_s > hold_until_s, HOLD_TIME_S + 5.0, "holding up")
+    hold_until_s = watcher.elapsed_s + HOLD_S
+    wait_for(lambda: watcher.elapsed_s > hold_until_s, HOLD_S + 5.0, "holding up")
     rise_m = watcher.rise_m
     held = rise_m >= HELD_SHARE * height_m
     watcher.snapshot("lifted")
@@ -296,7 +290,7 @@ def _print_table(results: list[GraspResult]) -> None:
 
 
 def _scenes(names: list[str]) -> list[Scene]:
-    scenes = [load_scene(name) for name in (PAPER_OBJECTS if names == ["all"] else names)]
+    scenes = [load_scene(name) for name in (PAPER_SCENES if names == ["all"] else names)]
     for scene in scenes:
         if scene.object is None or scene.config.support is None:
             raise ConfigError(f"scene {scene.name}: the demo needs an object on a support")

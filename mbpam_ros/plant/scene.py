@@ -15,6 +15,9 @@ from mbpam_ros.configuration import ConfigError, config_directory, load_config, 
 from mbpam_ros.plant.fidelity import AUTO, Tolerance
 from mbpam_ros.plant.lift import LiftConfig
 
+PAPER_SCENES = ("tomato", "bulb", "banana", "tube", "carton")
+"""Scenes of the paper's figure 10, in its order."""
+
 ALL_FINGERS = tuple(range(1, FINGER_COUNT + 1))
 """Numbers of the fingers."""
 

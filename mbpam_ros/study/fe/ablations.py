@@ -23,7 +23,7 @@ from mbpam_ros.study.fe.material import Silicone
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
 from mbpam_ros.study.fe.paper_comparison import PaperPoint
 from mbpam_ros.study.fe.posture import SILICONE_DENSITY_KG_M3, weight_n_mm
-from mbpam_ros.study.fe.progress import ProgressBar
+from mbpam_ros.study.progress_bar import ProgressBar
 
 SPREAD_POINTS = ("table_1:1", "table_1:3", "table_1:9", "table_1:14", "table_1:21", "table_2:1")
 """The initial design and five toward the domain's corners: enough to tell variants apart."""

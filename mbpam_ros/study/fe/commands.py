@@ -36,7 +36,7 @@ from mbpam_ros.study.fe.paper_comparison import (
 )
 from mbpam_ros.study.fe.pictures import PictureError, draw_ablations, draw_effects, require_matplotlib
 from mbpam_ros.study.fe.posture import END_LENGTH_MM, END_WEIGHT_FACTOR
-from mbpam_ros.study.fe.progress import ProgressBar
+from mbpam_ros.study.progress_bar import ProgressBar
 from mbpam_ros.study.result_file import ResultFileError, write_json
 
 

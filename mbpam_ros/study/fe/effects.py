@@ -17,7 +17,7 @@ from mbpam_ros.study.fe.design_run import Run, nominal_values, settings
 from mbpam_ros.study.fe.job_queue import ResultFile, run_jobs
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.fe.paper_comparison import INITIAL_A_MM, INITIAL_B_MM, paper_points
-from mbpam_ros.study.fe.progress import ProgressBar
+from mbpam_ros.study.progress_bar import ProgressBar
 
 LEVELS = {"a": (1.5, 2.5, 3.5), "b": (1.0, 2.0, 3.0), "c": (1.0, 2.0, 3.0), "n": (6.0, 10.0, 14.0)}
 """Lengths in mm. The ranges of section 3.2; the levels within them are our reading of "three levels"."""

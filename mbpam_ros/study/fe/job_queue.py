@@ -8,7 +8,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from pathlib import Path
 
 from mbpam_ros.study.fe.design_run import NO_EQUILIBRIUM
-from mbpam_ros.study.fe.progress import ProgressBar
+from mbpam_ros.study.progress_bar import ProgressBar
 from mbpam_ros.study.result_file import ResultFileError, write_json
 
 REDRAW_S = 1.0

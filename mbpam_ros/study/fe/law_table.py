@@ -14,8 +14,8 @@ from mbpam_ros.study.fe.design_run import Run, settings
 from mbpam_ros.study.fe.job_queue import ResultFile, run_jobs
 from mbpam_ros.study.fe.law import BendingLaw
 from mbpam_ros.study.fe.mesh import PATTERNS
-from mbpam_ros.study.fe.progress import ProgressBar
 from mbpam_ros.study.fe.solve import LoadStepError
+from mbpam_ros.study.progress_bar import ProgressBar
 
 BENDS_DEG = tuple(range(-60, 181, 30))
 PRESSURES_KPA = tuple(range(0, 121, 10))

@@ -19,7 +19,7 @@ from mbpam_ros.study.fe.job_queue import ResultFile, run_jobs
 from mbpam_ros.study.fe.mesh import PATTERNS
 from mbpam_ros.study.fe.muscle_shape import MuscleShape, muscle_shapes
 from mbpam_ros.study.fe.pictures import draw_curves, draw_muscles, draw_parity, draw_sections
-from mbpam_ros.study.fe.progress import ProgressBar
+from mbpam_ros.study.progress_bar import ProgressBar
 
 INITIAL_A_MM, INITIAL_B_MM = 2.5, 2.0
 """The paper's initial design: not stated, but its gains come back with these (``config/data/README.md``)."""

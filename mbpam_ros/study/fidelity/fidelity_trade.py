@@ -23,13 +23,13 @@ from pathlib import Path
 from mbpam_ros.configuration import ConfigError, config_directory
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.fidelity import TABLE, FidelityTable, Measured
-from mbpam_ros.study.fe.progress import ProgressBar
 from mbpam_ros.study.fidelity.boundary_value import BoundaryValueError, boundary_value_error_pct
 from mbpam_ros.study.fidelity.cases import Case, all_cases
 from mbpam_ros.study.fidelity.errors import errors
 from mbpam_ros.study.fidelity.picture import PictureError, draw_trade
 from mbpam_ros.study.fidelity.runs import Record, run_coarser_reference, run_reference
 from mbpam_ros.study.fidelity.trade import QUICK_CASES, can_run, fidelities, measure, quick_fidelities
+from mbpam_ros.study.progress_bar import ProgressBar
 from mbpam_ros.study.result_file import ResultFileError, write_json
 
 _ROUNDS = 3

@@ -24,15 +24,12 @@ from mbpam_ros.actuator.design import DesignDomainError
 from mbpam_ros.actuator.named_designs import INITIAL, load_design
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import Gripper, load_gripper
-from mbpam_ros.plant.scene import Scene, load_scene
+from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
 from mbpam_ros.plant.tiers import PlantDivergedError, TierError
-from mbpam_ros.study.fe.progress import ProgressBar
 from mbpam_ros.study.grasp.least_pressure import LeastPressure, least_pressure
 from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S, Trial, run_trial, with_changes
+from mbpam_ros.study.progress_bar import ProgressBar
 from mbpam_ros.study.result_file import ResultFileError, write_json
-
-PAPER_SCENES = ("tomato", "bulb", "banana", "tube", "carton")
-"""Scenes of the paper's figure 10, in its order."""
 
 NOMINAL_PA = 100e3
 """The paper's pressure."""

@@ -10,7 +10,7 @@ from mbpam_ros.study.fe import ablations  # noqa: E402
 from mbpam_ros.study.fe.design_run import Run  # noqa: E402
 from mbpam_ros.study.fe.mesh import CellGeometry  # noqa: E402
 from mbpam_ros.study.fe.paper_comparison import paper_points  # noqa: E402
-from mbpam_ros.study.fe.progress import ProgressBar  # noqa: E402
+from mbpam_ros.study.progress_bar import ProgressBar  # noqa: E402
 
 
 def test_the_fit_is_judged_without_the_points_kept_for_the_last_check():

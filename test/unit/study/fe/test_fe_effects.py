@@ -8,8 +8,8 @@ pytest.importorskip("felupe")
 from mbpam_ros.study.fe import effects  # noqa: E402
 from mbpam_ros.study.fe.design_run import Run  # noqa: E402
 from mbpam_ros.study.fe.mesh import CellGeometry  # noqa: E402
-from mbpam_ros.study.fe.progress import ProgressBar  # noqa: E402
 from mbpam_ros.study.fe.solve import LoadStepError  # noqa: E402
+from mbpam_ros.study.progress_bar import ProgressBar  # noqa: E402
 
 
 @pytest.mark.parametrize(

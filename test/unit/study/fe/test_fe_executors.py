@@ -13,7 +13,7 @@ from mbpam_ros.study.fe.executors import ExecutorError, open_executor  # noqa: E
 from mbpam_ros.study.fe.job_queue import ResultFile, run_jobs  # noqa: E402
 from mbpam_ros.study.fe.mesh import CellGeometry  # noqa: E402
 from mbpam_ros.study.fe.paper_comparison import curve_row  # noqa: E402
-from mbpam_ros.study.fe.progress import ProgressBar  # noqa: E402
+from mbpam_ros.study.progress_bar import ProgressBar  # noqa: E402
 
 
 def test_an_interrupt_does_not_wait_for_the_jobs_that_have_begun():

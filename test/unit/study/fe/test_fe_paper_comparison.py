@@ -17,7 +17,7 @@ from mbpam_ros.study.fe.paper_comparison import (  # noqa: E402
     error_summary,
     paper_points,
 )
-from mbpam_ros.study.fe.progress import ProgressBar  # noqa: E402
+from mbpam_ros.study.progress_bar import ProgressBar  # noqa: E402
 
 TEMPLATE = Run(CellGeometry(c_mm=3.0), "psc", MESHES["coarse"])
 POINTS = (PaperPoint("table_1:1", 1.5, 2.0, 20.0, 0.5, "psc"), PaperPoint("table_2:1", 1.6, 2.0, 21.0, 0.5, "psc"))

@@ -2,8 +2,8 @@ import io
 
 import pytest
 
-from mbpam_ros.study.fe import progress
-from mbpam_ros.study.fe.progress import ProgressBar
+from mbpam_ros.study import progress_bar
+from mbpam_ros.study.progress_bar import ProgressBar
 
 
 class Terminal(io.StringIO):
@@ -14,7 +14,7 @@ class Terminal(io.StringIO):
 @pytest.fixture
 def clock(monkeypatch):
     now = [100.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(progress_bar.time, "monotonic", lambda: now[0])
     return now
 
 
