@@ -17,8 +17,8 @@ from mbpam_ros.nodes.system import NODES, Operator  # isort: skip
 
 SOURCE = Path(__file__).parents[2]
 DESIGN_STUDY = {"sample_design", "compare_metamodels", "optimise_design"}
-OTHERS = {"bringup", "demo", "benchmark_peers", "calibrate_fe", "fidelity_trade", "grasp_study", "plan", "stability_map"}
-EXECUTABLES = {*NODES, *DESIGN_STUDY, *OTHERS}
+STUDIES = {"benchmark_peers", "calibrate_fe", "fidelity_trade", "grasp_study", "plan", "stability_map"}
+EXECUTABLES = {*NODES, "bringup", "demo", *DESIGN_STUDY, *STUDIES}
 START_S = 60.0
 STOP_S = 10.0
 COMMAND_S = 90.0
