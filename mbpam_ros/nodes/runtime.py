@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 import time
@@ -187,6 +188,9 @@ def _live(
         for factory in factories:
             nodes.append(factory())
             executor.add_node(nodes[-1])
+        # A full collection walks all modules that were loaded: 90 ms, in which valves time out. These stay anyway.
+        gc.collect()
+        gc.freeze()
         # A spin without a time-out ignores signals in this executor.
         while not stop_requested():
             executor.spin_once(timeout_sec=SPIN_TIMEOUT_S)

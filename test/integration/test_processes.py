@@ -3,6 +3,7 @@
 import importlib
 import itertools
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -351,3 +352,24 @@ def test_the_parameter_file_holds_every_parameter_of_every_node_at_its_default()
     for name, section in declared.items():
         for key, default in section["ros__parameters"].items():
             assert type(written[name]["ros__parameters"][key]) is type(default), key
+
+
+def test_a_running_node_has_no_long_garbage_collection_before_it(domain):
+    code = (
+        "import gc; from mbpam_ros.nodes.runtime import GripperNode, Health, run\n"
+        "class Collecting(GripperNode):\n"
+        "    def __init__(self):\n"
+        "        super().__init__('collecting', ())\n"
+        "        self.built = len(gc.get_objects())\n"
+        "        self.create_timer(0.01, lambda: self.fail(f'{len(gc.get_objects()) / self.built:.3f}'))\n"
+        "    def health(self):\n"
+        "        return Health()\n"
+        "raise SystemExit(run(Collecting))"
+    )
+    environment = os.environ | {"ROS_DOMAIN_ID": str(domain)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=START_S
+    )
+    assert done.returncode == 1
+    share_still_walked = float(done.stderr.rsplit(maxsplit=1)[-1])
+    assert share_still_walked < 0.05
