@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.plant.shapes import SHAPE_CODES, signed_distance
@@ -21,14 +22,7 @@ def finger_clearance_m(
 
     A finger is its axis swept by a ball of its radius, up to its rounded tip; sought every millimetre along it.
     """
-    x, y, z, w = body.orientation_xyzw
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    rotation = Rotation.from_quat(body.orientation_xyzw).as_matrix()
     end_m = geometry.length_m - geometry.outer_radius_m
     along = np.linspace(0.0, end_m, 1 + round(end_m / _SPACING_M))
     half = 0.5 * np.asarray(body.size_m)

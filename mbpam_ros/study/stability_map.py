@@ -28,6 +28,7 @@ import numpy as np
 
 from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.chambers import pressurised_chambers
+from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.tiers import (
@@ -51,7 +52,6 @@ QUICK_STIFFNESSES_N_M = (2e3, 1e5, 1e8)
 
 PRESSURE_GAUGE_PA = 80e3
 CLOSING_S, HOLDING_S, FREE_HOLDING_S, FEWEST_STEPS = 0.3, 0.5, 2.0, 5
-GRAVITY_M_S2 = 9.81
 AT_REST_M_S = 1e-3
 """Speed of the object, and of the free tips, below which a cell is at rest."""
 

@@ -23,11 +23,11 @@ import numpy as np
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER
 from mbpam_ros.grasp.modes import load_modes
 from mbpam_ros.gripper import Gripper, load_gripper
-from mbpam_ros.plant.plant import Observation, Plant, build_plant
+from mbpam_ros.plant.plant import Observation, build_plant
 from mbpam_ros.plant.scene import ALL_FINGERS, Scene, load_scene
-from mbpam_ros.study.fidelity.runs import TICK_S
+from mbpam_ros.study.fidelity.runs import TICK_S, proportional_spool
 from mbpam_ros.vision.camera import load_camera_config
-from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
+from mbpam_ros.vision.render import Renderer, SceneView
 
 _DURATION_S, _REPEATS, _IMAGE_EVERY = 1.5, 5, 20
 _FLOOR_M = 0.5
@@ -47,7 +47,7 @@ class Variant:
         what: that thing.
         scene: to be run.
         lift: whether the hand rises.
-        camera: whether five images a second are rendered.
+        camera: whether five images a second are rendered, of the fingers.
     """
 
     what: str
@@ -99,9 +99,9 @@ def cpu_ms_per_s(variant: Variant, gripper: Gripper) -> float:
     for tick in range(round(_DURATION_S / TICK_S)):
         seen = plant.observe()
         begun_s = time.process_time()
-        _tick(plant, target, seen)
+        plant.step(proportional_spool(target, seen.pressure_gauge_pa), TICK_S)
         if renderer is not None and tick % _IMAGE_EVERY == 0:
-            renderer.render(_view(seen, variant.scene, gripper))
+            renderer.render(_view(seen, gripper))
         spent_s += time.process_time() - begun_s
     return 1e3 * spent_s / _DURATION_S
 
@@ -141,18 +141,9 @@ def main(_: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _tick(plant: Plant, target_gauge_pa: np.ndarray, seen: Observation) -> None:
-    plant.step(np.clip((target_gauge_pa - seen.pressure_gauge_pa) / 2e4, -1.0, 1.0), TICK_S)
-
-
-def _view(seen: Observation, scene: Scene, gripper: Gripper) -> SceneView:
-    body, spec = seen.object_in_gripper, scene.object
-    solids = ()
-    if body is not None:
-        solids = (ColouredSolid(spec.shape, spec.size_m, body.position_m, body.orientation_xyzw, spec.colour_rgb),)
+def _view(seen: Observation, gripper: Gripper) -> SceneView:
     return SceneView(
         support_depth_m=_FLOOR_M,
-        solids=solids,
         finger_centrelines_m=seen.centreline_m,
         finger_radius_m=gripper.geometry.outer_radius_m,
     )

@@ -50,6 +50,11 @@ class Record:
     cpu_ms_per_s: float
 
 
+def proportional_spool(wanted_gauge_pa: Array, pressure_gauge_pa: Array) -> Array:
+    """Return the valves' commands (16,) toward wanted pressures (16,)."""
+    return np.clip((wanted_gauge_pa - pressure_gauge_pa) / _FULL_OPENING_PA, -1.0, 1.0)
+
+
 def run(case: Case, fidelity: Fidelity, gripper: Gripper, calls_per_tick: int = 1) -> Record:
     """Run a case.
 
@@ -65,8 +70,7 @@ def run(case: Case, fidelity: Fidelity, gripper: Gripper, calls_per_tick: int = 
     for tick in range(round(case.duration_s / TICK_S)):
         if case.lift_s is not None and tick == round(case.lift_s / TICK_S):
             plant.lift()
-        missing = case.wanted_gauge_pa(tick * TICK_S) - seen[-1].pressure_gauge_pa
-        spool = np.clip(missing / _FULL_OPENING_PA, -1.0, 1.0)
+        spool = proportional_spool(case.wanted_gauge_pa(tick * TICK_S), seen[-1].pressure_gauge_pa)
         begun_s = time.process_time()
         for _ in range(calls_per_tick):
             plant.step(spool, TICK_S / calls_per_tick)
