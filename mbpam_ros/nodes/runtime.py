@@ -28,8 +28,7 @@ STREAM = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 of which each one counts."""
 
 NEWEST = qos_profile_sensor_data
-"""For subscriptions to the 100 Hz streams: the next sample is worth more than a late one. Reliable delivery holds back
-all later samples until a missing one has been sent again: 0.3 s now and then, longer than the watchdogs wait."""
+"""For subscriptions to the 100 Hz streams: the next sample is worth more than a late one."""
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For a state that a late subscriber must see."""

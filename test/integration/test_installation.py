@@ -60,11 +60,11 @@ def virtual_environment(source: Path) -> Path:
 
 
 def environment() -> dict[str, str]:
-    """This process's variables without the way to the original source."""
+    """This process's variables without the way to the original source and its Fast DDS profile."""
     paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     kept = os.pathsep.join(path for path in paths if path and Path(path).resolve() != SOURCE)
-    variables = {name: value for name, value in os.environ.items() if not name.startswith("FASTDDS_")}
-    return {**variables, "PYTHONPATH": kept}
+    variables = {name: value for name, value in os.environ.items() if not name.startswith(("FASTDDS_", "FASTRTPS_"))}
+    return {**variables, "PYTHONPATH": kept, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 
 
 def run(*command: str, directory: Path | None = None) -> str:

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -41,6 +42,7 @@ class Gripper:
         self._prefix = self.operator.node.get_namespace().rstrip("/")
         self.grasp: dict[str, str] = {}
         self.pressure_pa = np.full(len(CHANNEL_NAMES), math.nan)
+        self._pressures_at_s = -math.inf
         self.height_m: dict[str, float] = {}
         subscribe = self.operator.node.create_subscription
         subscribe(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
@@ -52,13 +54,21 @@ class Gripper:
         return self.operator.health.get(f"{self._prefix}/{name}", (DiagnosticStatus.WARN, "no report", {}))
 
     def wait_for(self, predicate: Callable[[], bool], what: str, timeout_s: float = WAIT_S) -> None:
-        self.operator.wait_for(predicate, timeout_s, what)
+        try:
+            self.operator.wait_for(predicate, timeout_s, what)
+        except NodeSystemError as error:
+            raise AssertionError(f"{error}\n{self.report()}") from error
 
     def wait_for_phase(self, phase: str) -> None:
-        try:
-            self.wait_for(lambda: self.grasp.get("phase") == phase, f"phase {phase}")
-        except NodeSystemError as error:
-            raise AssertionError(f"{error}; the arbiter says {self.grasp}") from error
+        self.wait_for(lambda: self.grasp.get("phase") == phase, f"phase {phase}")
+
+    def report(self) -> str:
+        """All that is known of the gripper, for the message of a test that fails."""
+        age_s = time.monotonic() - self._pressures_at_s
+        lines = [f"arbiter: {self.grasp}", f"pressures {age_s:.2f} s ago: {self.pressure_pa}"]
+        lines += [f"{name}: {health}" for name, health in self.operator.health.items()]
+        lines += [f"--- {name}\n{self.processes.log(name).read_text()[-2000:]}" for name in self.processes.processes]
+        return "\n".join(lines)
 
     def enable(self) -> None:
         answer = self.operator.call(SetBool, "valve_controller/enable", SetBool.Request(data=True))
@@ -109,6 +119,7 @@ class Gripper:
 
     def _on_chamber_states(self, message: JointState) -> None:
         self.pressure_pa = np.array(message.effort)
+        self._pressures_at_s = time.monotonic()
 
     def _on_truth(self, message: MarkerArray) -> None:
         self.height_m.update({m.ns: -m.pose.position.z for m in message.markers if m.ns in ("palm", "object")})
