@@ -80,9 +80,11 @@ def hanging_bend(
     """
     moment = np.asarray(moment_n_m, dtype=float)
     spring = np.asarray(stiffness_n_m2, dtype=float) / geometry.active_length_m
-    shape = np.broadcast_shapes(moment.shape[:-1], spring.shape)
-    loads = np.broadcast_to(moment, (*shape, 2)).reshape(-1, 2)
-    springs = np.broadcast_to(spring, shape).reshape(-1)
+    shape = spring.shape
+    if moment.shape[:-1] != shape:
+        shape = np.broadcast_shapes(moment.shape[:-1], shape)
+        moment, spring = np.broadcast_to(moment, (*shape, 2)), np.broadcast_to(spring, shape)
+    loads, springs = moment.reshape(-1, 2), spring.reshape(-1)
     gravity = _gravity(geometry, gravity_m_s2)
     reach = geometry.mass_per_length_kg_m * abs(gravity_m_s2) * geometry.length_m**2
     return _rest(loads, springs, gravity, reach).reshape(*shape, 2)

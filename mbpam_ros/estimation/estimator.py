@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.actuator.calibration import Calibration, calibrate
@@ -20,10 +22,8 @@ from mbpam_ros.gripper import Gripper
 _SLOPE_STEP_PA = 250.0
 """Half width of the central difference of the bend against a pressure."""
 
-# Pressure offsets of a finger whose slopes are wanted: none, then + and - on each chamber; shape (9, 4).
-_PROBES_PA = _SLOPE_STEP_PA * np.vstack(
-    [np.zeros((1, CHAMBERS_PER_FINGER)), np.eye(CHAMBERS_PER_FINGER), -np.eye(CHAMBERS_PER_FINGER)]
-)
+# Pressure offsets of a finger for its slopes: + and - on each chamber; shape (8, 4).
+_PROBES_PA = _SLOPE_STEP_PA * np.vstack([np.eye(CHAMBERS_PER_FINGER), -np.eye(CHAMBERS_PER_FINGER)])
 
 
 @dataclass(frozen=True)
@@ -49,15 +49,15 @@ class GripperEstimate:
     """State of the four fingers. NaN in every field of a finger = it has no valid reading now.
 
     Args:
-        bend_rad, bend_rate_rad_s: bend components and their rates, shape (4, 2).
+        pressure_gauge_pa: the pressures it comes from, shape (4 fingers, 4 chambers).
         moment_n_m: intrinsic moment of the chambers in bend components, shape (4, 2).
-        bend_sigma_rad: one standard deviation of the bend, shape (4,).
+        bend_rad, bend_rate_rad_s: bend components and their rates, shape (4, 2).
     """
 
+    pressure_gauge_pa: NDArray[np.float64]
+    moment_n_m: NDArray[np.float64]
     bend_rad: NDArray[np.float64]
     bend_rate_rad_s: NDArray[np.float64]
-    moment_n_m: NDArray[np.float64]
-    bend_sigma_rad: NDArray[np.float64]
 
 
 class BendEstimator:
@@ -109,11 +109,10 @@ class BendEstimator:
     def reset(self) -> None:
         """Forget the past: the next valid reading of a finger finds it at rest in its equilibrium."""
         self._latest_time_s = -math.inf
-        self._valid_time_s = np.full(FINGER_COUNT, np.nan)
-        self._bend = np.full((FINGER_COUNT, 2), np.nan)
-        self._equilibrium = np.full((FINGER_COUNT, 2), np.nan)
+        bends = (FINGER_COUNT, 2)
+        self._followed = _Followed(np.full(FINGER_COUNT, np.nan), np.full(bends, np.nan), np.full(bends, np.nan))
 
-    def update(self, time_s: float, pressure_gauge_pa: ArrayLike, variance_pa2: ArrayLike) -> GripperEstimate:
+    def update(self, time_s: float, pressure_gauge_pa: ArrayLike) -> GripperEstimate:
         """Take one reading of all chambers and return the state of the fingers.
 
         A finger with a non-finite pressure gets NaN in every field and is not advanced; its next valid reading goes
@@ -122,27 +121,46 @@ class BendEstimator:
         Args:
             time_s: stamp of the reading.
             pressure_gauge_pa: shape (16,), NaN = no valid reading.
-            variance_pa2: variance of each pressure, >= 0, shape (16,). NaN makes that finger's sigma NaN.
 
         Raises:
-            ValueError: a wrong shape, a negative variance or a time that is not finite. The state is unchanged.
+            ValueError: a wrong shape or a time that is not finite. The state is unchanged.
         """
-        pressure, variance = _checked(time_s, pressure_gauge_pa, variance_pa2)
+        if not math.isfinite(time_s):
+            raise ValueError(f"time must be finite, found {time_s}")
+        pressure = _by_finger("pressure_gauge_pa", pressure_gauge_pa)
         if time_s < self._latest_time_s:
             self.reset()
         self._latest_time_s = time_s
-        valid = np.isfinite(pressure).all(axis=1)
-        pressure[~valid] = np.nan
+        pressure[~np.isfinite(pressure).all(axis=1)] = np.nan
+        moment, stiffness = self._law.moment_and_stiffness(pressure)
+        equilibrium = hanging_bend(moment, stiffness, self._geometry)
+        bend, rate = _follow(self._followed, time_s, equilibrium, self._config.bend_time_constant_s)
+        return GripperEstimate(pressure, moment, bend, rate)
 
-        moment, stiffness = self._law.moment_and_stiffness(pressure + _PROBES_PA[:, None, :])
+    def bend_sigma_rad(self, estimate: GripperEstimate, variance_pa2: ArrayLike) -> NDArray[np.float64]:
+        """Return one standard deviation of the bend [rad], shape (4,): pressure noise and the metamodel's error.
+
+        Root sum of squares of the noise through the equilibrium's slopes and of the metamodel's error. The noise moves
+        the bend vector both ways; its share is the root of the sum over both components and over the chambers, taken as
+        independent. The lag's smoothing of the noise is not counted.
+
+        Args:
+            estimate: what :meth:`update` returned.
+            variance_pa2: variance of each pressure, >= 0, shape (16,). NaN makes that finger's sigma NaN.
+
+        Raises:
+            ValueError: a wrong shape or a negative variance.
+        """
+        variance = _by_finger("variance_pa2", variance_pa2)
+        if (variance < 0.0).any():
+            raise ValueError(f"variance_pa2 must not be negative, found {variance.min():g}")
+        moment, stiffness = self._law.moment_and_stiffness(estimate.pressure_gauge_pa + _PROBES_PA[:, None, :])
         probes = hanging_bend(moment, stiffness, self._geometry)
-        bend, rate = self._advance(time_s, probes[0], valid)
-        return GripperEstimate(
-            bend_rad=bend,
-            bend_rate_rad_s=rate,
-            moment_n_m=moment[0],
-            bend_sigma_rad=self._bend_sigma(bend, probes, variance),
-        )
+        slope = (probes[:CHAMBERS_PER_FINGER] - probes[CHAMBERS_PER_FINGER:]) / (2.0 * _SLOPE_STEP_PA)
+        noise = np.einsum("cfk,cfk,fc->f", slope, slope, variance)
+        bend = estimate.bend_rad
+        model = self._relative_model_error * np.hypot(bend[:, 0], bend[:, 1])
+        return np.sqrt(noise + model**2)
 
     def tips(self, bend_rad: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the tips' positions (4, 3) [m] and orientations (4, 4), x y z w, in ``gripper_base`` for bends (4, 2).
@@ -163,52 +181,43 @@ class BendEstimator:
         """
         return centreline(bend_rad, self._geometry, self._arc_length) + self._base[:, None, :]
 
-    def _advance(
-        self, time_s: float, equilibrium: NDArray[np.float64], valid: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Advance the valid fingers to ``time_s``; return bend and rate, NaN for the others.
 
-        With e moving straight from e0 to e1 in dt, h = dt / T and g = 1 - exp(-h):
-        x1 = x0 + g (e0 - x0) + (1 - g / h) (e1 - e0).
-        """
-        lag = self._config.bend_time_constant_s
-        fresh = valid & np.isnan(self._valid_time_s)
-        start = np.where(fresh[:, None], equilibrium, self._equilibrium)
-        before = np.where(fresh[:, None], equilibrium, self._bend)
-        elapsed = np.where(fresh, 0.0, time_s - self._valid_time_s)[:, None]
-        ratio = np.maximum(elapsed / lag, 1e-12)  # readings with one stamp leave the bend where it is
-        gain = -np.expm1(-ratio)
-        bend = before + gain * (start - before) + (1.0 - gain / ratio) * (equilibrium - start)
-        bend[~valid] = np.nan
-        self._bend = np.where(valid[:, None], bend, self._bend)
-        self._equilibrium = np.where(valid[:, None], equilibrium, self._equilibrium)
-        self._valid_time_s = np.where(valid, time_s, self._valid_time_s)
-        return bend, (equilibrium - bend) / lag
+class _Followed(NamedTuple):
+    """What the lag remembers of each finger: when it was last valid (NaN = never), its bend and equilibrium then."""
 
-    def _bend_sigma(
-        self, bend: NDArray[np.float64], probes: NDArray[np.float64], variance: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Root sum of squares of pressure noise through the equilibrium's slopes and of the metamodel's error.
-
-        The noise moves the bend vector both ways; its share is the root of the sum over both components and over the
-        chambers, taken as independent. The lag's smoothing of the noise is not counted.
-        """
-        slope = (probes[1 : CHAMBERS_PER_FINGER + 1] - probes[CHAMBERS_PER_FINGER + 1 :]) / (2.0 * _SLOPE_STEP_PA)
-        noise = np.einsum("cfk,cfk,fc->f", slope, slope, variance)
-        model = self._relative_model_error * np.hypot(bend[:, 0], bend[:, 1])
-        return np.sqrt(noise + model**2)
+    valid_time_s: NDArray[np.float64]
+    bend_rad: NDArray[np.float64]
+    equilibrium_rad: NDArray[np.float64]
 
 
-def _checked(
-    time_s: float, pressure_gauge_pa: ArrayLike, variance_pa2: ArrayLike
+@njit(cache=True)
+def _follow(
+    followed: _Followed, time_s: float, equilibrium: NDArray[np.float64], lag_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return pressure and variance as copies of shape (4 fingers, 4 chambers)."""
-    if not math.isfinite(time_s):
-        raise ValueError(f"time must be finite, found {time_s}")
-    pressure, variance = np.array(pressure_gauge_pa, dtype=float), np.array(variance_pa2, dtype=float)
-    for name, value in (("pressure_gauge_pa", pressure), ("variance_pa2", variance)):
-        if value.shape != (CHANNEL_COUNT,):
-            raise ValueError(f"{name} must hold {CHANNEL_COUNT} values, found shape {value.shape}")
-    if (variance < 0.0).any():
-        raise ValueError(f"variance_pa2 must not be negative, found {variance.min():g}")
-    return pressure.reshape(FINGER_COUNT, -1), variance.reshape(FINGER_COUNT, -1)
+    """Let each finger's bend follow its equilibrium to ``time_s``; return bend and rate, NaN where that is NaN.
+
+    With e moving straight from e0 to e1 in dt, h = dt / T and g = 1 - exp(-h):
+    x1 = x0 + g (e0 - x0) + (1 - g / h) (e1 - e0).
+    """
+    bend = equilibrium.copy()
+    for i in range(equilibrium.shape[0]):
+        if np.isnan(equilibrium[i]).any():
+            continue
+        if not np.isnan(followed.valid_time_s[i]):
+            # Readings with one stamp leave the bend where it is.
+            ratio = max((time_s - followed.valid_time_s[i]) / lag_s, 1e-12)
+            gain = -np.expm1(-ratio)
+            before, start = followed.bend_rad[i], followed.equilibrium_rad[i]
+            bend[i] = before + gain * (start - before) + (1.0 - gain / ratio) * (equilibrium[i] - start)
+        followed.valid_time_s[i] = time_s
+        followed.bend_rad[i] = bend[i]
+        followed.equilibrium_rad[i] = equilibrium[i]
+    return bend, (equilibrium - bend) / lag_s
+
+
+def _by_finger(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Return one value a channel as a copy of shape (4 fingers, 4 chambers)."""
+    array = np.array(values, dtype=float)
+    if array.shape != (CHANNEL_COUNT,):
+        raise ValueError(f"{name} must hold {CHANNEL_COUNT} values, found shape {array.shape}")
+    return array.reshape(FINGER_COUNT, -1)

@@ -11,6 +11,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseArray
+from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
@@ -71,17 +72,20 @@ class StateEstimatorNode(GripperNode):
         if len(unknown):
             names = ", ".join(FINGER_NAMES[i] for i in unknown)
             return Health(DiagnosticStatus.ERROR, f"state not known: {names}", values)
-        values["bend_sigma_max_deg"] = f"{np.degrees(self._estimate.bend_sigma_rad.max()):.2f}"
+        values["bend_sigma_max_deg"] = f"{np.degrees(self._bend_sigma_rad().max()):.2f}"
         return Health(message="4 fingers estimated", values=values)
 
     def _is_stale(self) -> bool:
         return self.now_s() - self._received_s > STALE_S
 
-    def _on_chamber_states(self, message: JointState) -> None:
+    def _bend_sigma_rad(self) -> NDArray[np.float64]:
         variance_pa2 = np.full(CHANNEL_COUNT, self.value("pressure_sigma_pa") ** 2)
+        return self._estimator.bend_sigma_rad(self._estimate, variance_pa2)
+
+    def _on_chamber_states(self, message: JointState) -> None:
         try:
             pressure_gauge_pa = named_values(message, CHANNEL_NAMES, "effort")
-            self._estimate = self._estimator.update(seconds(message.header.stamp), pressure_gauge_pa, variance_pa2)
+            self._estimate = self._estimator.update(seconds(message.header.stamp), pressure_gauge_pa)
             self._received_s = self.now_s()
         except (MessageError, ValueError) as error:
             self.refuse("chamber_states", error)
@@ -102,7 +106,7 @@ class StateEstimatorNode(GripperNode):
                 joint_state(
                     stamp,
                     FINGER_NAMES,
-                    position=estimate.bend_sigma_rad,
+                    position=self._bend_sigma_rad(),
                     effort=self._estimator.tip_force_n(estimate.moment_n_m),
                 )
             )

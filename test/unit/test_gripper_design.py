@@ -40,7 +40,7 @@ def plants_bend(gripper):
 
 def estimators_bend(gripper):
     estimator = BendEstimator.for_gripper(gripper, load_config(EstimatorConfig, "estimator.yaml"))
-    return estimator.update(0.0, PRESSURE_PA, np.zeros(16)).bend_rad
+    return estimator.update(0.0, PRESSURE_PA).bend_rad
 
 
 @pytest.mark.parametrize("design", ["initial", "optimised", {"a_mm": 3.0, "b_mm": 1.5}])
