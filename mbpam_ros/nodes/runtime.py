@@ -19,6 +19,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from rclpy.timer import Timer
 
 from mbpam_ros.configuration import ConfigError
@@ -35,7 +36,8 @@ NEWEST = qos_profile_sensor_data
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For a state that a late subscriber must see."""
 
-SPIN_TIMEOUT_S = 0.2
+SPIN_TIMEOUT_S = 0.1
+"""How often a node looks whether it has to end."""
 
 TEAR_DOWN_TIMEOUT_S = 5.0
 """Leaving the graph takes milliseconds. When peers leave at the same moment, Fast DDS 3.2 may wait for one of its own
@@ -207,9 +209,10 @@ def _live(
         # A full collection walks all modules that were loaded: 90 ms, in which valves time out. These stay anyway.
         gc.collect()
         gc.freeze()
-        # A spin without a time-out ignores signals in this executor.
+        # A spin without a time-out ignores signals in this executor; one spin for each callback costs a tenth more.
+        never = Future()
         while not stop_requested():
-            executor.spin_once(timeout_sec=SPIN_TIMEOUT_S)
+            executor.spin_until_future_complete(never, timeout_sec=SPIN_TIMEOUT_S)
             failure = next((node.failure for node in nodes if node.failure), None)
             if failure is not None:
                 print(f"error: {failure}", file=sys.stderr)
