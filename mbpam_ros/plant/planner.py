@@ -45,6 +45,7 @@ class Forced:
     modes: int | None = None
     step_s: float | None = None
     pneumatics: str | None = None
+    contact: bool | None = None
     camera: bool | None = None
     moving_fingers: tuple[int, ...] | None = None
 
@@ -126,9 +127,9 @@ def may_touch(scene: Scene, finger_length_m: float) -> bool:
     return scene.object is not None or (support is not None and support.planes_m[-1, 0] < finger_length_m)
 
 
-def cases_of(scene: Scene, finger_length_m: float) -> tuple[str, ...]:
-    """Return the measured cases that stand for a scene."""
-    if not may_touch(scene, finger_length_m):
+def cases_of(scene: Scene, contact: bool) -> tuple[str, ...]:
+    """Return the measured cases that stand for a scene, with or without contact."""
+    if not contact:
         return AIR_CASES
     if scene.object is None:
         return tuple(case for cases in GRASP_CASES.values() for case in cases)
@@ -143,6 +144,7 @@ def forced_by(scene: Scene) -> Forced:
         modes=config.modes,
         step_s=config.sub_step_s,
         pneumatics=config.pneumatics,
+        contact=None if config.contact else False,
         moving_fingers=config.moving_fingers,
     )
 
@@ -170,15 +172,17 @@ def plan(
         PlanError: nothing that was measured fits what is forced.
     """
     allowed = tolerance or scene.config.tolerance or Tolerance()
-    cases = cases_of(scene, finger_length_m)
+    touch = may_touch(scene, finger_length_m) if forced.contact is None else forced.contact
+    cases = cases_of(scene, touch)
     candidates = _candidates(table, cases, allowed, forced, tick_s)
     best = _best(candidates)
     chosen = best if forced.step_s is None else dataclasses.replace(best, step_s=forced.step_s)
-    touch, seen = may_touch(scene, finger_length_m), scene.object is not None
+    seen = scene.object is not None
     reasons = {part: _reason(part, best, candidates, getattr(forced, part)) for part in _PARTS}
-    air_modes = _air_modes(scene, chosen, table, allowed)
+    air_modes = _air_modes(chosen, table, allowed) if touch and seen else None
     reasons["air_modes"] = ("enough while the object is out of reach" if air_modes else "the same throughout",)
-    reasons["contact"] = (f"measured on {', '.join(cases)}" if touch else "nothing is within reach",)
+    within = "forced" if forced.contact is not None else None if touch else "nothing is within reach"
+    reasons["contact"] = (within or f"measured on {', '.join(cases)}",)
     reasons["camera"] = ("forced" if forced.camera is not None else f"{'an' if seen else 'no'} object to see",)
     reasons["moving_fingers"] = ("forced" if forced.moving_fingers else "any of their chambers may be filled",)
     return Plan(
@@ -219,9 +223,9 @@ def at_fidelity(scene: Scene, fidelity: Fidelity) -> Scene:
     return dataclasses.replace(scene, config=config)
 
 
-def _air_modes(scene: Scene, chosen: Fidelity, table: FidelityTable, allowed: Tolerance) -> int | None:
-    """Return fewer modes that do while an object is out of reach; none if they would not cost less, or no object."""
-    if scene.object is None or chosen.tier != "rod":
+def _air_modes(chosen: Fidelity, table: FidelityTable, allowed: Tolerance) -> int | None:
+    """Return fewer modes that do while an object is out of reach; none if they would not cost less."""
+    if chosen.tier != "rod":
         return None
     same = Forced(step_s=chosen.step_s, pneumatics=chosen.pneumatics)
     try:

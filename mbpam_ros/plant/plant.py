@@ -249,7 +249,7 @@ def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetu
             f"{gripper.geometry.length_m:g} m; use a deeper table, or a slim stand on one (half_size_m, stand_height_m)"
         )
     body = _body(scene)
-    if body is not None:
+    if body is not None and scene.config.contact:
         _refuse_inside_a_finger(scene, body, gripper)
     tolerance = scene.config.tolerance or Tolerance()
     return TierSetup(
@@ -264,6 +264,7 @@ def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetu
         fingers_touch=scene.config.fingers_touch,
         air_modes=scene.config.air_modes,
         moving_fingers=scene.config.moving_fingers,
+        contact=scene.config.contact,
         largest_jump_m=1e-2 * tolerance.static_pct * gripper.geometry.active_length_m,
     )
 

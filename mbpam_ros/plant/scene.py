@@ -111,6 +111,7 @@ class SceneConfig:
         tolerance: what the planner aims at; none for its default.
         moving_fingers: numbers of those that are computed; the others hang straight, must not be filled, and touch
             nothing. None for all.
+        contact: whether anything touches; false leaves the object where it starts, to be seen only, and costs nothing.
     """
 
     object: str | None
@@ -129,6 +130,7 @@ class SceneConfig:
     air_modes: int | None = None
     tolerance: Tolerance | None = None
     moving_fingers: tuple[int, ...] | None = None
+    contact: bool = True
 
     def __post_init__(self) -> None:
         if self.sub_step_s is not None:

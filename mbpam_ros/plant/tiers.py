@@ -85,6 +85,7 @@ class TierSetup:
         air_modes: those while the object is out of reach; none for always ``modes``.
         largest_jump_m: what a tip may move by when the number of modes changes.
         moving_fingers: numbers of the muscles that are computed; none for all.
+        contact: whether anything touches; otherwise the object stays where it starts.
     """
 
     geometry: MuscleGeometry
@@ -99,6 +100,7 @@ class TierSetup:
     air_modes: int | None = None
     largest_jump_m: float = 0.0
     moving_fingers: tuple[int, ...] | None = None
+    contact: bool = True
 
 
 @dataclass(frozen=True)
@@ -196,6 +198,8 @@ def build_tier(name: str, setup: TierSetup) -> Tier:
         raise TierError(f"tier {name!r} takes no modes, found {setup.modes}: use tier 'rod', or leave modes out")
     if setup.air_modes is not None and (name != "rod" or setup.body is None):
         raise TierError(f"air_modes are for the tier 'rod' with an object, found tier {name!r}: leave them out")
+    if not setup.contact:
+        return importlib.import_module("mbpam_ros.plant.no_contact").NoContact(name, setup)
     if setup.moving_fingers is not None:
         return importlib.import_module("mbpam_ros.plant.some_fingers").SomeFingers(name, setup)
     module, tier = _TIERS[name] if setup.air_modes is None else _STEPPING

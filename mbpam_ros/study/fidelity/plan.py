@@ -6,8 +6,9 @@
     plan bulb --pneumatics lag --step-s 0.002          parts decided by you
 
 A scene file with ``tier: auto`` is computed so; what it gives itself (``sub_step_s``, ``pneumatics``, ``modes``,
-``moving_fingers``, ``tolerance``) is forced then. What a file with another tier gives is judged below the plan. Errors
-and costs come from the table that ``fidelity_trade`` measured; run it on your machine for its CPU times.
+``moving_fingers``, ``contact: false``, ``tolerance``) is forced then. What a file with another tier gives is judged
+below the plan. Errors and costs come from the table that ``fidelity_trade`` measured; run it on your machine for its
+CPU times.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from mbpam_ros.plant.scene import ALL_FINGERS, Scene, load_scene
 from mbpam_ros.plant.tiers import tier_names
 from mbpam_ros.pneumatics.chamber import pneumatic_model_names
 from mbpam_ros.pneumatics.config import load_pneumatics
+
+_FORCEABLE = ("tier", "modes", "step_s", "pneumatics", "contact", "camera")
 
 
 def plan_text(found: Plan, scene: Scene, finger_length_m: float, table: FidelityTable, tolerance: Tolerance) -> str:
@@ -81,7 +84,7 @@ def _tolerance(scene: Scene, options: argparse.Namespace) -> Tolerance:
 
 def _forced(scene: Scene, options: argparse.Namespace) -> Forced:
     given = forced_by(scene) if scene.config.tier == AUTO else Forced()
-    wanted = {name: getattr(options, name) for name in ("tier", "modes", "step_s", "pneumatics", "camera")}
+    wanted = {name: getattr(options, name) for name in _FORCEABLE}
     wanted["moving_fingers"] = options.fingers and tuple(options.fingers)
     return dataclasses.replace(given, **{name: value for name, value in wanted.items() if value is not None})
 
@@ -98,6 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--modes", type=int, help="modes of curvature a plane")
     parser.add_argument("--step-s", type=float, metavar="S", help="sub-step")
     parser.add_argument("--pneumatics", choices=pneumatic_model_names(), help="taken for the real ones")
+    parser.add_argument("--contact", action=argparse.BooleanOptionalAction, help="whether anything touches")
     parser.add_argument("--camera", action=argparse.BooleanOptionalAction, help="whether to render images")
     parser.add_argument("--fingers", type=int, nargs="+", choices=ALL_FINGERS, help="those that move (moving_fingers)")
     parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE", help="measured table")

@@ -16,6 +16,7 @@ from mbpam_ros.plant.planner import (
     PlanError,
     cases_of,
     forced_by,
+    may_touch,
     plan,
     planned_scene,
 )
@@ -146,6 +147,15 @@ def test_contact_and_camera_are_there_only_with_an_object():
     assert planned(EMPTY, camera=True).camera
 
 
+def test_contact_that_is_forced_is_judged_on_the_cases_with_or_without_it():
+    left_out, put_in = planned(BULB, 1.0, contact=False), planned(EMPTY, 1.0, contact=True)
+    assert (left_out.contact, put_in.contact) == (False, True)
+    assert left_out.expected == planned(EMPTY, 1.0).expected
+    assert put_in.expected == planned(BULB, 1.0).expected
+    assert left_out.reasons["contact"] == put_in.reasons["contact"] == ("forced",)
+    assert left_out.camera and planned(BULB, 1.0, modes=3, contact=False).air_modes is None
+
+
 def test_all_fingers_move_unless_some_are_named():
     assert planned(EMPTY).moving_fingers == (1, 2, 3, 4)
     assert planned(EMPTY, moving_fingers=(1, 3)).moving_fingers == (1, 3)
@@ -183,7 +193,8 @@ def test_every_shipped_scene_has_a_plan_from_the_shipped_table():
     for name in scene_names():
         scene = load_scene(name)
         found = plan(scene, LENGTH_M, load_fidelity_table())
-        measured = {row.fidelity for row in load_fidelity_table().rows if row.scene in cases_of(scene, LENGTH_M)}
+        cases = cases_of(scene, may_touch(scene, LENGTH_M))
+        measured = {row.fidelity for row in load_fidelity_table().rows if row.scene in cases}
         assert found.fidelity in measured
 
 
@@ -211,10 +222,11 @@ def test_a_scene_with_tier_auto_is_built_as_planned(tmp_path):
 
 
 def test_what_a_scene_with_tier_auto_gives_itself_is_forced(tmp_path):
-    scene = changed(tmp_path, tier="auto", sub_step_s=0.001, pneumatics="ideal", modes=4, moving_fingers=[1, 2])
-    assert forced_by(scene) == Forced(None, 4, 0.001, "ideal", None, (1, 2))
+    given = {"sub_step_s": 0.001, "pneumatics": "ideal", "modes": 4, "moving_fingers": [1, 2], "contact": False}
+    scene = changed(tmp_path, tier="auto", **given)
+    assert forced_by(scene) == Forced(None, 4, 0.001, "ideal", False, None, (1, 2))
     config = planned_scene(scene, LENGTH_M).config
-    assert config.moving_fingers == (1, 2)
+    assert config.moving_fingers == (1, 2) and not config.contact
     assert (config.tier, config.modes, config.sub_step_s, config.pneumatics) == ("rod", 4, 0.001, "ideal")
 
 
