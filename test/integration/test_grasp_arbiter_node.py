@@ -16,7 +16,7 @@ from mbpam_ros.nodes.messages import joint_state, time_stamp
 from mbpam_ros.nodes.runtime import LATCHED
 
 TICK_S = 0.02
-GRIP_PA = 100e3
+GRIP_PA = {"envelope": 100e3, "short_rod": 100e3, "slender_rod": 105e3, "mid_rod": 100e3}
 CHAMBERS_UNDER_PRESSURE = {
     "envelope": [(1,), (2,), (3,), (4,)],
     "short_rod": [(1, 4), (2,), (2, 3), (4,)],
@@ -29,7 +29,7 @@ CHAMBERS_UNDER_PRESSURE = {
 def grip(mode):
     values = np.zeros((4, 4))
     for finger, chambers in enumerate(CHAMBERS_UNDER_PRESSURE[mode]):
-        values[finger, [chamber - 1 for chamber in chambers]] = GRIP_PA
+        values[finger, [chamber - 1 for chamber in chambers]] = GRIP_PA[mode]
     return values.ravel()
 
 

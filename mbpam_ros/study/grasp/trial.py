@@ -60,8 +60,13 @@ def with_changes(scene: Scene, tier: str | None = None, friction_coefficient: fl
     return dataclasses.replace(scene, config=config)
 
 
-def run_trial(scene: Scene, gripper: Gripper, grip_pressure_gauge_pa: float) -> Trial:
+def run_trial(scene: Scene, gripper: Gripper, grip_pressure_gauge_pa: float | None = None) -> Trial:
     """Let the object rest, close in the mode the arbiter chooses, lift, hold for :data:`HOLD_S`.
+
+    Args:
+        scene: what is there; with an object.
+        gripper: the muscles and where they stand.
+        grip_pressure_gauge_pa: of every mode; none for those of ``grasp.yaml``.
 
     Raises:
         ConfigError: a file is wrong, the scene has no object, or the pressure is above the gripper's limit.

@@ -122,7 +122,8 @@ def test_a_mode_request_closes_with_the_modes_grip_pressure(name):
     assert answer.accepted and answer.reason == f"closing in {name}: operator asked for {name}"
     assert (decision.phase, decision.mode, decision.source) == (Phase.CLOSING, name, Source.OPERATOR)
     assert decision.object_label == "unknown"
-    np.testing.assert_array_equal(decision.setpoint_gauge_pa, MODES[name].setpoints(100e3))
+    grip_pa = getattr(TIMES.grip_pressure_gauge_pa, name)
+    np.testing.assert_array_equal(decision.setpoint_gauge_pa, MODES[name].setpoints(grip_pa))
 
 
 def test_an_unknown_mode_is_refused_with_the_modes_there_are():

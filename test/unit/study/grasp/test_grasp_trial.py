@@ -3,13 +3,14 @@
 import dataclasses
 import functools
 
+import numpy as np
 import pytest
 
 from mbpam_ros.actuator.named_designs import load_design
 from mbpam_ros.configuration import ConfigError
-from mbpam_ros.grasp.arbitration import Phase
+from mbpam_ros.grasp.arbitration import Phase, load_grasp_config
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.plant.scene import PAPER_SCENES, load_scene
 from mbpam_ros.study.grasp.closed_loop import ClosedLoop
 from mbpam_ros.study.grasp.trial import run_trial, with_changes
 
@@ -38,6 +39,22 @@ def test_without_enough_pressure_it_stays_where_it_was():
 def test_friction_decides_about_the_tomato_and_not_about_the_bulb():
     assert trial("tomato", 100e3).held and not trial("tomato", 100e3, friction_coefficient=0.05).held
     assert trial("bulb", 100e3, friction_coefficient=0.05).held
+
+
+@pytest.mark.parametrize("name", PAPER_SCENES)
+def test_the_grip_pressure_of_each_mode_has_the_margin_it_is_said_to_have(name):
+    mode = load_scene(name).object.expected_mode
+    held = trial(name, getattr(load_grasp_config().arbitration.grip_pressure_gauge_pa, mode) / 1.035, tier="rod")
+    assert held.held and held.mode == mode
+
+
+@pytest.mark.parametrize("shift_m", [-0.005, 0.005])
+@pytest.mark.parametrize("name", ["banana", "tube"])
+def test_the_grip_pressure_holds_a_rod_that_lies_5_mm_off_the_middle(name, shift_m):
+    scene = with_changes(load_scene(name), tier="rod")
+    position_m = np.add(scene.config.object_position_m, (0.0, shift_m, 0.0))
+    scene = dataclasses.replace(scene, config=dataclasses.replace(scene.config, object_position_m=tuple(position_m)))
+    assert run_trial(scene, GRIPPER).held
 
 
 def test_an_object_that_is_refused_is_not_held_and_the_reason_is_kept():
