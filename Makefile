@@ -1,4 +1,4 @@
-# make demo   set everything up and grasp the bulb: six node processes over real DDS on loopback
+# make demo   set everything up and grasp the paper's five objects: six node processes over real DDS on loopback
 # make test   set everything up, lint, and run all tests
 # make bench  print CPU and latency of the running system
 PYTHON ?= python3

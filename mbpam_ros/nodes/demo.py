@@ -1,7 +1,6 @@
-"""Executable ``demo``: six node processes grasp, lift and release objects, and the result is shown.
+"""Executable ``demo``: six node processes grasp, lift and release the paper's objects, and the result is shown.
 
-Exit code 0 only if every stage happened for every object and, but for ``--objects all``, each object rose with the
-hand. ``--objects all`` reports held or dropped as it came out.
+Exit code 0 only if every stage happened for every object and each object rose with the hand.
 """
 
 from __future__ import annotations
@@ -12,13 +11,13 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from mbpam_ros.nodes.system import NODES, NodeProcesses, NodeSystemError, Operator, exit_on_stop_signals  # isort: skip
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from domain_coordinator import domain_id
 from sensor_msgs.msg import CompressedImage, JointState
 from std_srvs.srv import SetBool, Trigger
@@ -30,6 +29,9 @@ from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
 from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
 from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S
 from mbpam_ros.study.grasp_report import GraspRecord, ReportError, draw_report
+
+ALL = "all"
+"""What stands for the paper's five objects on the command line."""
 
 PATIENCE_S = 10.0
 RETRY_S = 0.25
@@ -58,6 +60,7 @@ class Watcher:
         self.detection: Marker | None = None
         self.object_z_m = math.nan
         self.palm_z_m = math.nan
+        self.least_real_time_factor = math.inf
         self._lines: dict[int, list[list[float]]] = {}
         self._object_start_z_m = math.nan
         self._palm_start_z_m = math.nan
@@ -65,6 +68,7 @@ class Watcher:
         self._start_s = time.monotonic()
         subscribe = operator.node.create_subscription
         subscribe(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
+        subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, STREAM)
         subscribe(MarkerArray, "detections", self._on_detections, STREAM)
         subscribe(CompressedImage, "detections/image", self._on_overlay, STREAM)
         subscribe(JointState, "chamber_states", self._on_chamber_states, NEWEST)
@@ -115,6 +119,15 @@ class Watcher:
     def _on_grasp_state(self, state: DiagnosticStatus) -> None:
         self.grasp = {item.key: item.value for item in state.values}
 
+    def _on_diagnostics(self, report: DiagnosticArray) -> None:
+        """Keep the least pace of the plant while fingers close and hold."""
+        if self.grasp.get("phase") not in ("closing", "holding"):
+            return
+        for status in report.status:
+            for item in status.values:
+                if item.key == "real_time_factor":
+                    self.least_real_time_factor = min(self.least_real_time_factor, float(item.value))
+
     def _on_detections(self, message: MarkerArray) -> None:
         found = [marker for marker in message.markers if marker.action == Marker.ADD]
         if self.grasp.get("phase") == "idle" and found:
@@ -148,14 +161,20 @@ class Watcher:
             self.record.palm_rise_m.append(self.palm_rise_m)
 
 
-def grasp(scene: Scene, report: Path, line: LiveLine) -> GraspResult:
+def grasp(scene: Scene, tier: str, report: Path, line: LiveLine) -> GraspResult:
     """Start the six processes on a scene, grasp its object by the camera's choice, lift, release, and stop them.
+
+    Args:
+        scene: with an object on a support; its own tier is not used.
+        tier: how the plant computes the muscles.
+        report: where pictures and logs go.
+        line: shows what happens.
 
     Raises:
         NodeSystemError: a stage did not happen.
     """
     arguments = {
-        "plant": ["-p", f"scene:={scene.name}"],
+        "plant": ["-p", f"scene:={scene.name}", "-p", f"tier:={tier}"],
         "object_detector": ["-p", f"support_depth_m:={scene.config.support.depth_m}"],
     }
     with NodeProcesses(report / scene.name, arguments) as processes:
@@ -217,7 +236,10 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
     rise_m = watcher.rise_m
     held = rise_m >= HELD_SHARE * height_m
     watcher.snapshot("lifted")
-    line.say(f"{name}: {'held' if held else 'dropped'}, rose {1e3 * rise_m:.0f} of {1e3 * height_m:.0f} mm")
+    line.say(
+        f"{name}: {'held' if held else 'dropped'}, rose {1e3 * rise_m:.0f} of {1e3 * height_m:.0f} mm "
+        f"(the plant at {watcher.least_real_time_factor:.2f} of real time or more)"
+    )
 
     _ask(operator, Trigger, "plant/lower")
     wait_for(lambda: watcher.palm_rise_m < 1e-3, 30.0 + 10.0 * scene.config.lift.duration_s, "lowering")
@@ -271,42 +293,49 @@ def _millimetres(size_m: list[float]) -> str:
     return " x ".join(f"{1e3 * value:.1f}" for value in size_m)
 
 
-def _print_table(results: list[GraspResult]) -> None:
+def _print_table(grasped: Sequence[tuple[Scene, GraspResult]]) -> None:
     rows = [
         (
             result.object,
             _millimetres(result.detected_size_m),
             _millimetres(result.true_size_m),
+            f"held, {result.expected_mode}" if scene.name in PAPER_SCENES else "-",
             result.mode,
-            result.expected_mode,
             f"{result.close_s:.2f}",
             f"{1e3 * result.rise_m:.0f}",
             "held" if result.held else "dropped",
         )
-        for result in results
+        for scene, result in grasped
     ]
-    head = ("object", "detected [mm]", "true [mm]", "mode", "paper's mode", "close [s]", "rise [mm]", "result")
+    head = ("object", "detected [mm]", "true [mm]", "paper", "mode", "close [s]", "rise [mm]", "result")
     print(table(head, rows))
 
 
-def _scenes(names: list[str]) -> list[Scene]:
-    scenes = [load_scene(name) for name in (PAPER_SCENES if names == ["all"] else names)]
+def _scenes(names: Sequence[str]) -> list[Scene]:
+    scenes = [load_scene(name) for name in (PAPER_SCENES if names == [ALL] else names)]
     for scene in scenes:
         if scene.object is None or scene.config.support is None:
             raise ConfigError(f"scene {scene.name}: the demo needs an object on a support")
     return scenes
 
 
-def main() -> int:
-    """Run the demo and return its exit code."""
-    parser = argparse.ArgumentParser(description="Grasp and lift objects with six node processes on loopback.")
-    parser.add_argument("--objects", nargs="+", default=["bulb"], metavar="NAME", help="scenes, or: all (default bulb)")
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        "demo", description="Grasp and lift the paper's objects with six node processes on loopback."
+    )
+    parser.add_argument("--objects", nargs="+", default=[ALL], metavar="NAME", help="scenes, or: all (default: all)")
+    parser.add_argument("--tier", choices=("arc", "rod"), default="rod", help="how muscles are computed (default: rod)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the table as JSON")
     parser.add_argument("--report", type=Path, default=Path("report"), metavar="DIR", help="pictures and logs go here")
-    options = parser.parse_args()
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the demo and return its exit code."""
+    options = _parser().parse_args(arguments)
     exit_on_stop_signals()
     line = LiveLine()
-    results: list[GraspResult] = []
+    grasped: list[tuple[Scene, GraspResult]] = []
     failures: list[str] = []
     try:
         scenes = _scenes(options.objects)
@@ -314,7 +343,7 @@ def main() -> int:
             os.environ["ROS_DOMAIN_ID"] = str(domain)
             for scene in scenes:
                 try:
-                    results.append(grasp(scene, options.report, line))
+                    grasped.append((scene, grasp(scene, options.tier, options.report, line)))
                 except NodeSystemError as error:
                     failures.append(f"{scene.name}: {error}")
                     line.say(f"failed: {failures[-1]}")
@@ -324,17 +353,14 @@ def main() -> int:
     except KeyboardInterrupt:
         line.say("interrupted")
         return 130
-    _print_table(results)
+    _print_table(grasped)
     if options.json is not None:
         options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps([vars(result) for result in results], indent=2) + "\n", encoding="utf-8")
-    dropped = [result.object for result in results if not result.held]
-    must_hold = options.objects != ["all"]
+        options.json.write_text(json.dumps([vars(result) for _, result in grasped], indent=2) + "\n", encoding="utf-8")
+    failures += [f"{scene.name}: dropped" for scene, result in grasped if not result.held]
     for failure in failures:
         print(f"error: {failure}", file=sys.stderr)
-    if dropped and must_hold:
-        print(f"error: dropped: {', '.join(dropped)}", file=sys.stderr)
-    return 1 if failures or (dropped and must_hold) else 0
+    return 1 if failures else 0
 
 
 if __name__ == "__main__":

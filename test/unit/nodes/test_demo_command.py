@@ -1,0 +1,91 @@
+"""The command ``demo`` around its grasps: which, in which tier, what it prints, and how it ends."""
+
+import json
+
+import pytest
+
+from mbpam_ros.nodes import demo
+from mbpam_ros.nodes.demo import GraspResult
+from mbpam_ros.nodes.system import NodeSystemError
+from mbpam_ros.plant.scene import PAPER_SCENES
+
+FIELDS = ["object", "mode", "expected_mode", "detected_size_m", "true_size_m", "held", "rise_m", "close_s"]
+
+
+@pytest.fixture
+def grasps(monkeypatch):
+    """Scenes and tiers that were grasped; names in ``dropped`` and ``failing`` end so."""
+
+    class Grasps(list):
+        dropped, failing = (), ()
+
+        def __call__(self, scene, tier, report, line):
+            self.append((scene.name, tier))
+            if scene.name in self.failing:
+                raise NodeSystemError("closing: not within 10 s")
+            mode, size_m = scene.object.expected_mode, list(scene.object.size_m)
+            held = scene.name not in self.dropped
+            return GraspResult(scene.config.object, mode, mode, size_m, size_m, held, 0.1 * held, 0.58)
+
+    calls = Grasps()
+    monkeypatch.setattr(demo, "grasp", calls)
+    monkeypatch.setattr(demo, "exit_on_stop_signals", lambda: None)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "1")  # put back afterwards: the command takes one of its own
+    return calls
+
+
+@pytest.mark.parametrize("arguments", [[], ["--objects", "all"]])
+def test_by_default_the_papers_five_objects_are_grasped_by_rods(grasps, arguments):
+    assert demo.main(arguments) == 0
+    assert grasps == [(name, "rod") for name in PAPER_SCENES] and len(grasps) == 5
+
+
+def test_objects_and_tier_can_be_chosen(grasps):
+    assert demo.main(["--objects", "bulb", "tube", "--tier", "arc"]) == 0
+    assert grasps == [("bulb", "arc"), ("tube", "arc")]
+
+
+def test_a_tier_that_knows_no_objects_is_refused(grasps):
+    with pytest.raises(SystemExit, match="2"):
+        demo.main(["--tier", "static"])
+    assert not grasps
+
+
+def test_a_scene_without_an_object_is_refused_before_anything_is_grasped(grasps, capsys):
+    assert demo.main(["--objects", "bulb", "empty"]) == 2
+    assert not grasps and "scene empty: the demo needs an object" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [[], ["--objects", "all"], ["--objects", "tube"]])
+def test_a_dropped_object_fails_the_demo(grasps, arguments, capsys):
+    grasps.dropped = ("tube",)
+    assert demo.main(arguments) == 1
+    shown = capsys.readouterr()
+    assert shown.err == "error: tube: dropped\n"
+    assert [line.split()[-1] for line in shown.out.splitlines() if line.startswith("aluminium_tube")] == ["dropped"]
+
+
+def test_a_stage_that_did_not_happen_fails_the_demo_and_the_other_objects_still_get_their_turn(grasps, capsys):
+    grasps.failing = ("bulb",)
+    assert demo.main([]) == 1
+    shown = capsys.readouterr()
+    assert shown.err == "error: bulb: closing: not within 10 s\n"
+    assert len(grasps) == 5
+    assert [line.split()[0] for line in shown.out.splitlines() if line.rstrip().endswith(" held")] == [
+        "tomato", "banana", "aluminium_tube", "carton",
+    ]  # fmt: skip
+
+
+def test_the_table_has_the_papers_result_beside_the_own(grasps, capsys):
+    demo.main(["--objects", "carton"])
+    head, _, row = capsys.readouterr().out.splitlines()
+    column = head.index("paper")
+    assert row[column:].startswith("held, mid_rod  mid_rod") and row.startswith("carton") and row.split()[-1] == "held"
+
+
+def test_the_json_is_a_list_of_the_grasps(grasps, tmp_path):
+    file = tmp_path / "new" / "objects.json"
+    demo.main(["--objects", "bulb", "carton", "--json", str(file)])
+    rows = json.loads(file.read_text())
+    assert [row["object"] for row in rows] == ["bulb", "carton"]
+    assert [list(row) for row in rows] == [FIELDS, FIELDS]
