@@ -60,7 +60,7 @@ class Watcher:
         self.detection: Marker | None = None
         self.object_z_m = math.nan
         self.palm_z_m = math.nan
-        self.least_real_time_factor = math.inf
+        self._least_real_time_factor = math.inf
         self._lines: dict[int, list[list[float]]] = {}
         self._object_start_z_m = math.nan
         self._palm_start_z_m = math.nan
@@ -97,6 +97,13 @@ class Watcher:
         return float(np.max(latest, initial=0.0, where=np.isfinite(latest)))
 
     @property
+    def pace(self) -> str:
+        """How slowly the plant has run in the grasp, in words; a machine too busy for real time causes faults."""
+        if math.isinf(self._least_real_time_factor):
+            return "the plant has not told its pace"
+        return f"the plant at {self._least_real_time_factor:.2f} of real time or more"
+
+    @property
     def hears_everything(self) -> bool:
         """Whether every topic of the record has spoken, with an object detected."""
         record = self.record
@@ -120,13 +127,13 @@ class Watcher:
         self.grasp = {item.key: item.value for item in state.values}
 
     def _on_diagnostics(self, report: DiagnosticArray) -> None:
-        """Keep the least pace of the plant while fingers close and hold."""
+        """Keep the least pace of the plant from the first report in a grasp on."""
         if self.grasp.get("phase") not in ("closing", "holding"):
             return
         for status in report.status:
             for item in status.values:
                 if item.key == "real_time_factor":
-                    self.least_real_time_factor = min(self.least_real_time_factor, float(item.value))
+                    self._least_real_time_factor = min(self._least_real_time_factor, float(item.value))
 
     def _on_detections(self, message: MarkerArray) -> None:
         found = [marker for marker in message.markers if marker.action == Marker.ADD]
@@ -200,6 +207,8 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
                 f"{name}: {what}  [{watcher.elapsed_s:4.1f} s, {watcher.grasp.get('phase', '-')}, "
                 f"{1e-3 * watcher.greatest_pressure_pa:3.0f} kPa, rise {1e3 * np.nan_to_num(watcher.rise_m):4.0f} mm]"
             )
+            if watcher.grasp.get("phase") == "fault":
+                raise NodeSystemError(f"{what}: fault: {watcher.grasp['reason']} ({watcher.pace})")
             return predicate()
 
         operator.wait_for(step, timeout_s, what)
@@ -220,9 +229,7 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
     watcher.event("grasp/auto")
     asked_s = watcher.elapsed_s
     line.say(f"{name}: {answer}")
-    wait_for(lambda: watcher.grasp.get("phase") in ("holding", "fault"), 10.0, "closing")
-    if watcher.grasp["phase"] == "fault":
-        raise NodeSystemError(f"{name}: {watcher.grasp['reason']}")
+    wait_for(lambda: watcher.grasp.get("phase") == "holding", 10.0, "closing")
     close_s = watcher.elapsed_s - asked_s
     mode = watcher.grasp["mode"]
     watcher.event("holding")
@@ -236,10 +243,8 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
     rise_m = watcher.rise_m
     held = rise_m >= HELD_SHARE * height_m
     watcher.snapshot("lifted")
-    line.say(
-        f"{name}: {'held' if held else 'dropped'}, rose {1e3 * rise_m:.0f} of {1e3 * height_m:.0f} mm "
-        f"(the plant at {watcher.least_real_time_factor:.2f} of real time or more)"
-    )
+    outcome = "held" if held else "dropped"
+    line.say(f"{name}: {outcome}, rose {1e3 * rise_m:.0f} of {1e3 * height_m:.0f} mm ({watcher.pace})")
 
     _ask(operator, Trigger, "plant/lower")
     wait_for(lambda: watcher.palm_rise_m < 1e-3, 30.0 + 10.0 * scene.config.lift.duration_s, "lowering")
@@ -248,7 +253,7 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
     wait_for(lambda: watcher.grasp.get("phase") == "idle", 15.0, "releasing")
     line.say(f"{name}: released")
 
-    watcher.record.title = f"{name}: {mode}, {'held' if held else 'dropped'}"
+    watcher.record.title = f"{name}: {mode}, {outcome}"
     watcher.record.object_size_m, watcher.record.object_shape = scene.object.size_m, scene.object.shape
     picture = report / f"{scene.name}.png"
     draw_report(watcher.record, picture)

@@ -1,13 +1,18 @@
 """The command ``demo`` around its grasps: which, in which tier, what it prints, and how it ends."""
 
+import contextlib
 import json
+import types
 
 import pytest
 
-from mbpam_ros.nodes import demo
-from mbpam_ros.nodes.demo import GraspResult
-from mbpam_ros.nodes.system import NodeSystemError
-from mbpam_ros.plant.scene import PAPER_SCENES
+from mbpam_ros.nodes import demo  # isort: skip
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from mbpam_ros.nodes.demo import GraspResult, Watcher
+from mbpam_ros.nodes.progress import LiveLine
+from mbpam_ros.nodes.system import NODES, NodeSystemError
+from mbpam_ros.plant.scene import PAPER_SCENES, load_scene
 
 FIELDS = ["object", "mode", "expected_mode", "detected_size_m", "true_size_m", "held", "rise_m", "close_s"]
 
@@ -32,6 +37,23 @@ def grasps(monkeypatch):
     monkeypatch.setattr(demo, "exit_on_stop_signals", lambda: None)
     monkeypatch.setenv("ROS_DOMAIN_ID", "1")  # put back afterwards: the command takes one of its own
     return calls
+
+
+class FakeOperator:
+    """All nodes are healthy; hands a message to whoever listens to a topic."""
+
+    health = {f"/{name}": (DiagnosticStatus.OK, "running", {}) for name in NODES}
+
+    def __init__(self):
+        self._heard = {}
+        self.node = types.SimpleNamespace(create_subscription=lambda _, topic, heard, __: self.hear(topic, heard))
+
+    def hear(self, topic, heard):
+        self._heard[topic] = heard
+
+    def publish_values(self, topic, **values):
+        status = DiagnosticStatus(values=[KeyValue(key=key, value=value) for key, value in values.items()])
+        self._heard[topic](DiagnosticArray(status=[status]) if topic == "/diagnostics" else status)
 
 
 @pytest.mark.parametrize("arguments", [[], ["--objects", "all"]])
@@ -89,3 +111,31 @@ def test_the_json_is_a_list_of_the_grasps(grasps, tmp_path):
     rows = json.loads(file.read_text())
     assert [row["object"] for row in rows] == ["bulb", "carton"]
     assert [list(row) for row in rows] == [FIELDS, FIELDS]
+
+
+def test_the_watcher_tells_the_slowest_pace_of_the_plant_in_the_grasp():
+    operator = FakeOperator()
+    watcher = Watcher(operator)
+    operator.publish_values("grasp_state", phase="idle")
+    operator.publish_values("/diagnostics", real_time_factor="0.30")  # starting
+    assert watcher.pace == "the plant has not told its pace"
+    operator.publish_values("grasp_state", phase="holding")
+    for factor in ("1.00", "0.87", "0.99"):
+        operator.publish_values("/diagnostics", real_time_factor=factor, tier="rod")
+    assert watcher.pace == "the plant at 0.87 of real time or more"
+
+
+def test_a_fault_ends_the_grasp_at_once_with_its_reason(monkeypatch, tmp_path):
+    class FaultyOperator(FakeOperator):
+        def wait_for(self, predicate, timeout_s, what):
+            self.publish_values("grasp_state", phase="fault", reason="16 of 16 channels at fault")
+            predicate()
+
+        def close(self):
+            pass
+
+    processes = contextlib.nullcontext(types.SimpleNamespace(check=lambda: None))
+    monkeypatch.setattr(demo, "NodeProcesses", lambda *_: processes)
+    monkeypatch.setattr(demo, "Operator", lambda *_, **__: FaultyOperator())
+    with pytest.raises(NodeSystemError, match="waiting for plant.*: fault: 16 of 16 channels at fault"):
+        demo.grasp(load_scene("bulb"), "rod", tmp_path, LiveLine())
