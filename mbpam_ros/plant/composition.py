@@ -23,55 +23,67 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mbpam_ros.plant.contact import Contacts
-from mbpam_ros.plant.multibody import OK, Drive, Forces, State, System, advance
-from mbpam_ros.plant.rod import Motion
+from mbpam_ros.plant.bound import Block
+from mbpam_ros.plant.multibody import OK, Array, Drive, Parts, advance, bind
 
 _OUTER = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
 SHARES = (_OUTER, _OUTER, 1.0 - 4.0 * _OUTER, _OUTER, _OUTER)
 """Of the five steps in the whole; they add up to 1."""
 
 
-def advance_undamped(
-    state: State, drive: Drive, system: System, contacts: Contacts, motion: Motion, forces: Forces
-) -> tuple[int, int]:
-    """Advance an undamped state in place by all sub-steps, as :func:`mbpam_ros.plant.multibody.advance` does."""
-    parts = tuple(system._replace(step_s=share * system.step_s) for share in SHARES)
-    iterations = 0
-    for ends in _ends(drive):
-        start = State(*(part.copy() for part in state))
-        answer = _composed_step(state, ends, parts, contacts, motion, forces)
-        if contacts.count[0]:
-            for part, before in zip(state, start, strict=True):
-                part[:] = before
-            whole = Drive(*(np.ascontiguousarray(values[:: len(SHARES)]) for values in ends))
-            answer, count = advance(state, whole, system, contacts, motion, forces)
-            iterations = max(iterations, count)
-        if answer != OK:
-            return answer, iterations
-    return OK, iterations
+class Composition:
+    """The five steps and the plain one, on the same state."""
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts, system = parts, parts.system
+        self._whole = bind(parts)
+        self._shares = [bind(parts._replace(system=system._replace(step_s=s * system.step_s))) for s in SHARES]
+
+    def advance(self, heights: Array, rates: Array) -> tuple[int, int]:
+        """Advance the state in place by all sub-steps, as :func:`mbpam_ros.plant.multibody.advance` does."""
+        if len(heights) == 1:
+            return advance(self._whole, heights, rates)
+        state, drive, contacts = self._parts.state, self._parts.drive, self._parts.contacts
+        iterations, both = 0, Drive(*(part.copy() for part in drive))
+        for moments, stiffnesses, height, rate in _ends(both, heights, rates):
+            start = [part.copy() for part in state]
+            answer = self._composed_step(moments, stiffnesses, height, rate)
+            if contacts.count[0]:
+                for part, before in zip(state, start, strict=True):
+                    part[:] = before
+                drive.moments[:], drive.stiffnesses[:] = moments[[0, -1]], stiffnesses[[0, -1]]
+                answer, count = self._step(self._whole, height[[0, -1]], rate[[0, -1]])
+                iterations = max(iterations, count)
+            if answer != OK:
+                return answer, iterations
+        return OK, iterations
+
+    def _composed_step(self, moments: Array, stiffnesses: Array, heights: Array, rates: Array) -> int:
+        """Advance by one sub-step; stop where something touches."""
+        drive = self._parts.drive
+        for k, share in enumerate(self._shares):
+            drive.moments[:], drive.stiffnesses[:] = moments[k : k + 2], stiffnesses[k : k + 2]
+            answer, _ = self._step(share, heights[k : k + 2], rates[k : k + 2])
+            if answer != OK or self._parts.contacts.count[0]:
+                return answer
+        return OK
+
+    def _step(self, bound: Block, heights: Array, rates: Array) -> tuple[int, int]:
+        self._parts.work.known[:] = False  # the step before was of another length
+        return advance(bound, heights, rates)
 
 
-def _composed_step(
-    state: State, ends: Drive, parts: tuple[System, ...], contacts: Contacts, motion: Motion, forces: Forces
-) -> int:
-    """Advance by one sub-step; stop where something touches."""
-    for k, part in enumerate(parts):
-        drive = Drive(*(values[k : k + 2] for values in ends))
-        answer, _ = advance(state, drive, part, contacts, motion, forces)
-        if answer != OK or contacts.count[0]:
-            return answer
-    return OK
+def _ends(drive: Drive, heights: Array, rates: Array) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """Yield moments, stiffnesses, heights and rates at the ends of the five parts of each sub-step.
 
-
-def _ends(drive: Drive) -> Iterator[Drive]:
-    """Yield the drive at the ends of the five parts of each sub-step; the hand accelerates in all as in the whole."""
-    steps, done = len(drive.heights) - 1, np.cumsum((0.0, *SHARES))
+    The hand accelerates in all of them as in the whole.
+    """
+    steps, done = len(heights) - 1, np.cumsum((0.0, *SHARES))
     for step in range(steps):
         blend = (step + done) / steps
-        yield Drive(
+        yield (
             drive.moments[0] + blend[:, None, None] * (drive.moments[1] - drive.moments[0]),
             drive.stiffnesses[0] + blend[:, None] * (drive.stiffnesses[1] - drive.stiffnesses[0]),
-            drive.heights[step] + done * (drive.heights[step + 1] - drive.heights[step]),
-            drive.rates[step] + done * (drive.rates[step + 1] - drive.rates[step]),
+            heights[step] + done * (heights[step + 1] - heights[step]),
+            rates[step] + done * (rates[step + 1] - rates[step]),
         )

@@ -33,12 +33,13 @@ class Contacts(NamedTuple):
     Args:
         count: how many rows are in use, shape (1,).
         depth, share: d and w, shape (n,).
-        normal, jacobian: N and J, shapes (n, 3) and (n, 6, D + 6 or 2 D, whichever is more); columns: the finger's D
-            coordinates, then the object's six, or the D of the other finger.
+        normal, jacobian: N, shape (n, 3), and J^T, shape (n, D + 6 or 2 D, whichever is more, 6); its rows: the
+            finger's D coordinates, then the object's six, or the D of the other finger.
         rise: part of the relative velocity along z that is the hand's, shape (n,).
         finger, other: which take part; -1 for none.
         kind: row of the table of laws.
         velocity, force: relative velocity after the step, and the force and torque it makes, shape (n, 6).
+        change: of the velocity along a step of its solution, shape (n, 6).
         push: f, shape (n,).
         coordinates: D.
     """
@@ -54,6 +55,7 @@ class Contacts(NamedTuple):
     kind: NDArray[np.int64]
     velocity: Array
     force: Array
+    change: Array
     push: Array
     coordinates: int
 
@@ -65,13 +67,14 @@ def contact_table(size: int, coordinates: int) -> Contacts:
         depth=np.zeros(size),
         share=np.zeros(size),
         normal=np.zeros((size, 3)),
-        jacobian=np.zeros((size, 6, coordinates + max(coordinates, 6))),
+        jacobian=np.zeros((size, coordinates + max(coordinates, 6), 6)),
         rise=np.zeros(size),
         finger=np.zeros(size, np.int64),
         other=np.full(size, -1, np.int64),
         kind=np.zeros(size, np.int64),
         velocity=np.zeros((size, 6)),
         force=np.zeros((size, 6)),
+        change=np.zeros((size, 6)),
         push=np.zeros(size),
         coordinates=coordinates,
     )

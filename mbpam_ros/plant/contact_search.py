@@ -58,13 +58,12 @@ class Places(NamedTuple):
     points: Array
 
 
-@njit
 def places(around: Surroundings) -> Places:
     """Return the places of the surroundings; clamp and rest points are to be written."""
     plane = np.zeros(3)
     if around.table_in_reach:
         plane[2] = around.planes[-1, 0]
-    return Places(np.empty(3), plane, np.eye(3), np.empty((REST_POINTS, 3)))
+    return Places(np.zeros(3), plane, np.eye(3), np.zeros((REST_POINTS, 3)))
 
 
 def contact_limit(fingers: int, planes: int, fingers_touch: bool = False) -> int:
@@ -122,7 +121,7 @@ def _muscle_contacts(
         # The length about the ball, over the radius; the rounded tip counts as one radius more.
         length = rod.spacing if 0 < k < balls - 1 else 0.5 * rod.spacing
         contacts.share[n] = length / rod.radius + (1.0 if k == balls - 1 else 0.0)
-        normal, jacobian = contacts.normal[n], contacts.jacobian[n]
+        normal, jacobian = contacts.normal[n], contacts.jacobian[n].T
         normal[0], normal[1], normal[2] = sign * nx, sign * ny, sign * nz
         ball_jacobian(rod, motion, finger, k, sign, (arm * nx, arm * ny, arm * nz), jacobian)
         if shape != PLANE:
@@ -155,7 +154,7 @@ def _rest_contacts(
             contacts.normal[n, 2] = 1.0 if palm else -1.0
             contacts.rise[n] = hand_velocity if palm else 0.0
             contacts.finger[n], contacts.kind[n] = -1, OBJECT_PALM if palm else OBJECT_SUPPORT
-            _object_columns(x, y, z, contacts.coordinates, contacts.jacobian[n])
+            _object_columns(x, y, z, contacts.coordinates, contacts.jacobian[n].T)
 
 
 @njit

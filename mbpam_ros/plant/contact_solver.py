@@ -55,23 +55,42 @@ def solve_in_place(a: Array, b: Array, first: NDArray[np.int64]) -> bool:
 
 
 class Scratch(NamedTuple):
-    """Room for the solution: (n, n), three of (n,), (2, 3, 3), and the envelope (n,) of the equations."""
+    """Room for the solution of n equations.
+
+    Args:
+        hessian: shape (n, n).
+        smooth, pull, residual, step: a v - b, a times the step, what is left of the equations, and Newton's step, (n,).
+        slope, stiff, trial: of one contact, shapes (2, 3, 3), (D + 6 or 2 D, 6) and (6,).
+        first: the envelope of the equations, shape (n,).
+    """
 
     hessian: Array
+    smooth: Array
+    pull: Array
     residual: Array
     step: Array
-    trial: Array
     slope: Array
+    stiff: Array
+    trial: Array
     first: NDArray[np.int64]
 
 
-@njit
 def scratch(size: int, coordinates: int, fingers: int) -> Scratch:
     """Return room for ``size`` equations, those of the fingers first; the envelope is that of fingers apart."""
     first = np.zeros(size, np.int64)
     for i in range(fingers * coordinates):
         first[i] = i // coordinates * coordinates
-    return Scratch(np.empty((size, size)), np.empty(size), np.empty(size), np.empty(size), np.empty((2, 3, 3)), first)
+    return Scratch(
+        np.empty((size, size)),
+        np.empty(size),
+        np.empty(size),
+        np.empty(size),
+        np.empty(size),
+        np.empty((2, 3, 3)),
+        np.empty((coordinates + max(coordinates, 6), 6)),
+        np.empty(6),
+        first,
+    )
 
 
 @njit
@@ -87,39 +106,72 @@ def _columns(contacts: Contacts, c: int, size: int) -> tuple[int, int, int, int]
 
 
 @njit
-def _residual(
-    a: Array, b: Array, v: Array, h: float, laws: Array, contacts: Contacts, first: NDArray[np.int64], residual: Array
-) -> None:
-    """Write a v - b - h sum J^T F(J v), and velocities and forces of the contacts."""
-    size, coordinates = v.shape[0], contacts.coordinates
-    for i in range(size):
-        residual[i] = a[i, i] * v[i] - b[i]
+def _product(a: Array, v: Array, first: NDArray[np.int64], product: Array) -> None:
+    """Write a v, of the lower half of a inside the envelope."""
+    for i in range(v.shape[0]):
+        total = a[i, i] * v[i]
         for j in range(first[i], i):
-            residual[i] += a[i, j] * v[j]
-            residual[j] += a[i, j] * v[i]
-    for c in range(contacts.count[0]):
-        start, stop, finger, body = _columns(contacts, c, size)
-        jacobian, force, velocity = contacts.jacobian[c], contacts.force[c], contacts.velocity[c]
-        for i in range(6):
-            velocity[i] = contacts.rise[c] if i == 2 else 0.0
-            for j in range(start, stop):
-                velocity[i] += jacobian[i, j] * v[finger + j if j < coordinates else body + j]
-        contacts.push[c] = contact_force(
-            laws[contacts.kind[c]], h, contacts.depth[c], contacts.share[c], contacts.normal[c], velocity, force
-        )
-        for j in range(start, stop):
-            total = 0.0
-            for i in range(6):
-                total += jacobian[i, j] * force[i]
-            residual[finger + j if j < coordinates else body + j] -= h * total
+            total += a[i, j] * v[j]
+            product[j] += a[i, j] * v[i]
+        product[i] = total
 
 
 @njit
-def _hessian(
-    a: Array, h: float, laws: Array, contacts: Contacts, slope: Array, first: NDArray[np.int64], hessian: Array
-) -> None:
+def _relative(contacts: Contacts, v: Array, relative: Array) -> None:
+    """Write J v of all contacts, shape (n, 6)."""
+    size, coordinates, jacobian = v.shape[0], contacts.coordinates, contacts.jacobian
+    for c in range(contacts.count[0]):
+        start, stop, finger, body = _columns(contacts, c, size)
+        x, y, z, turn_x, turn_y, turn_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for j in range(start, stop):
+            rate = v[finger + j if j < coordinates else body + j]
+            x, y, z = x + jacobian[c, j, 0] * rate, y + jacobian[c, j, 1] * rate, z + jacobian[c, j, 2] * rate
+            turn_x, turn_y, turn_z = (
+                turn_x + jacobian[c, j, 3] * rate,
+                turn_y + jacobian[c, j, 4] * rate,
+                turn_z + jacobian[c, j, 5] * rate,
+            )
+        relative[c, 0], relative[c, 1], relative[c, 2] = x, y, z
+        relative[c, 3], relative[c, 4], relative[c, 5] = turn_x, turn_y, turn_z
+
+
+@njit
+def _push(h: float, laws: Array, contacts: Contacts, fraction: float, trial: Array) -> float:
+    """Write the forces at the velocities less ``fraction`` of their change; return their power in the change."""
+    velocity, change, force, power = contacts.velocity, contacts.change, contacts.force, 0.0
+    for c in range(contacts.count[0]):
+        for i in range(6):
+            trial[i] = velocity[c, i] - fraction * change[c, i]
+        contacts.push[c] = contact_force(
+            laws[contacts.kind[c]], h, contacts.depth[c], contacts.share[c], contacts.normal[c], trial, force[c]
+        )
+        for i in range(6):
+            power += force[c, i] * change[c, i]
+    return power
+
+
+@njit
+def _residual(smooth: Array, h: float, contacts: Contacts, residual: Array) -> None:
+    """Write a v - b - h sum J^T F of the smooth part a v - b and the forces in the table."""
+    size, coordinates, jacobian, force = smooth.shape[0], contacts.coordinates, contacts.jacobian, contacts.force
+    for i in range(size):
+        residual[i] = smooth[i]
+    for c in range(contacts.count[0]):
+        start, stop, finger, body = _columns(contacts, c, size)
+        x, y, z = h * force[c, 0], h * force[c, 1], h * force[c, 2]
+        turn_x, turn_y, turn_z = h * force[c, 3], h * force[c, 4], h * force[c, 5]
+        for j in range(start, stop):
+            residual[finger + j if j < coordinates else body + j] -= (
+                jacobian[c, j, 0] * x + jacobian[c, j, 1] * y + jacobian[c, j, 2] * z
+                + jacobian[c, j, 3] * turn_x + jacobian[c, j, 4] * turn_y + jacobian[c, j, 5] * turn_z
+            )  # fmt: skip
+
+
+@njit
+def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch) -> None:
     """Write the derivative of the residual; only its lower half."""
-    size, coordinates = a.shape[0], contacts.coordinates
+    size, coordinates, jacobian = a.shape[0], contacts.coordinates, contacts.jacobian
+    hessian, slope, stiff, first = room.hessian, room.slope, room.stiff, room.first
     for i in range(size):
         for j in range(first[i], i + 1):
             hessian[i, j] = a[i, j]
@@ -129,19 +181,24 @@ def _hessian(
             contacts.push[c], slope,
         )  # fmt: skip
         start, stop, finger, body = _columns(contacts, c, size)
-        jacobian = contacts.jacobian[c]
+        for j in range(start, stop):  # h times the slope times J
+            for part in range(2):
+                x, y, z = (
+                    h * jacobian[c, j, 3 * part],
+                    h * jacobian[c, j, 3 * part + 1],
+                    h * jacobian[c, j, 3 * part + 2],
+                )
+                for k in range(3):
+                    stiff[j, 3 * part + k] = slope[part, k, 0] * x + slope[part, k, 1] * y + slope[part, k, 2] * z
         for i in range(start, stop):
             row = finger + i if i < coordinates else body + i
-            for part in range(2):
-                for k in range(3):
-                    product = 0.0
-                    for m in range(3):
-                        product += slope[part, k, m] * jacobian[3 * part + m, i]
-                    product *= h
-                    for j in range(start, min(i + 1, coordinates)):
-                        hessian[row, finger + j] += jacobian[3 * part + k, j] * product
-                    for j in range(coordinates, i + 1):
-                        hessian[row, body + j] += jacobian[3 * part + k, j] * product
+            x, y, z = jacobian[c, i, 0], jacobian[c, i, 1], jacobian[c, i, 2]
+            turn_x, turn_y, turn_z = jacobian[c, i, 3], jacobian[c, i, 4], jacobian[c, i, 5]
+            for j in range(start, i + 1):
+                hessian[row, finger + j if j < coordinates else body + j] += (
+                    x * stiff[j, 0] + y * stiff[j, 1] + z * stiff[j, 2]
+                    + turn_x * stiff[j, 3] + turn_y * stiff[j, 4] + turn_z * stiff[j, 5]
+                )  # fmt: skip
 
 
 @njit
@@ -150,36 +207,47 @@ def solve_contacts(
 ) -> tuple[float, int]:
     """Solve a v = b + h sum J^T F(J v) for v, from v; the table then has the forces.
 
-    Of a, only what is in the envelope of ``room`` is read. Returns what is left, the largest |residual_i| / a_ii [m/s
-    or rad/s], and how many steps it took.
+    Along one of Newton's steps all but the forces is linear, so a trial there costs these only. Of a, only what is in
+    the envelope of ``room`` is read. Returns what is left, the largest |residual_i| / a_ii [m/s or rad/s], and how many
+    steps it took.
     """
-    size = v.shape[0]
-    hessian, residual, step, trial, slope, first = room
-    _residual(a, b, v, h, laws, contacts, first, residual)
+    size, count, velocity, change = v.shape[0], contacts.count[0], contacts.velocity, contacts.change
+    smooth, pull, residual, step, first = room.smooth, room.pull, room.residual, room.step, room.first
+    _product(a, v, first, smooth)
+    for i in range(size):
+        smooth[i] -= b[i]
+    _relative(contacts, v, velocity)
+    for c in range(count):
+        velocity[c, 2] += contacts.rise[c]
+        for i in range(6):
+            change[c, i] = 0.0
+    _push(h, laws, contacts, 0.0, room.trial)
     for iteration in range(NEWTON_LIMIT + 1):
+        _residual(smooth, h, contacts, residual)
         left = 0.0
         for i in range(size):
             left = max(left, abs(residual[i]) / a[i, i])
         if not left > VELOCITY_TOLERANCE or iteration == NEWTON_LIMIT:
             break
-        _hessian(a, h, laws, contacts, slope, first, hessian)
+        _hessian(a, h, laws, contacts, room)
         for i in range(size):
             step[i] = residual[i]
-        if not solve_in_place(hessian, step, first):
+        if not solve_in_place(room.hessian, step, first):
             return np.inf, iteration
+        _product(a, step, first, pull)
+        _relative(contacts, step, change)
         # The function's slope along the step rises from below zero: seek its root, if that is before 1 (Illinois).
         low, high, low_slope, high_slope, fraction = 0.0, 1.0, 0.0, 0.0, 1.0
+        smooth_slope, smooth_rise = 0.0, 0.0
         for i in range(size):
             low_slope -= residual[i] * step[i]
+            smooth_slope -= smooth[i] * step[i]
+            smooth_rise += pull[i] * step[i]
         enough = 1e-2 * abs(low_slope)
-        side = 0
+        side, taken = 0, fraction
         for line in range(LINE_LIMIT):
-            for i in range(size):
-                trial[i] = v[i] - fraction * step[i]
-            _residual(a, b, trial, h, laws, contacts, first, residual)
-            here = 0.0
-            for i in range(size):
-                here -= residual[i] * step[i]
+            taken = fraction
+            here = smooth_slope + taken * smooth_rise + h * _push(h, laws, contacts, taken, room.trial)
             if abs(here) <= enough or (line == 0 and here < 0.0):
                 break
             if here > 0.0:
@@ -195,5 +263,9 @@ def solve_contacts(
             else:
                 fraction = 0.5 * (low + high)
         for i in range(size):
-            v[i] = trial[i]
+            v[i] -= taken * step[i]
+            smooth[i] -= taken * pull[i]
+        for c in range(count):
+            for i in range(6):
+                velocity[c, i] -= taken * change[c, i]
     return left, iteration

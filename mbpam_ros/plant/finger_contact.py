@@ -41,7 +41,6 @@ class Lines(NamedTuple):
     jacobians: Array
 
 
-@njit
 def lines(rod: Rod, fingers: int) -> Lines:
     """Return the room for fingers with this rod."""
     balls, coordinates = rod.balls.shape[0], 2 * rod.bends.shape[2]
@@ -175,7 +174,7 @@ def _ball_contacts(
         size = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
         for i in range(3):
             normal[i] /= size
-        coordinates, jacobian = contacts.coordinates, contacts.jacobian[n]
+        coordinates, jacobian = contacts.coordinates, contacts.jacobian[n].T
         arm = 0.5 * toward * distance  # to the point half-way between the centrelines
         own, across = (0, coordinates) if one < other else (coordinates, 0)
         arm_x, arm_y, arm_z = arm * normal[0], arm * normal[1], arm * normal[2]

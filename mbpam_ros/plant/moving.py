@@ -7,14 +7,16 @@ under its weight and wraps around what it touches. Fingers touch each other if t
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from mbpam_ros.plant import multibody
-from mbpam_ros.plant.composition import advance_undamped
+from mbpam_ros.plant.composition import Composition
 from mbpam_ros.plant.contact import contact_table
 from mbpam_ros.plant.contact_search import BALLS, Surroundings, contact_limit
-from mbpam_ros.plant.multibody import Drive, Forces, State, System
-from mbpam_ros.plant.rod import build_rod, motion_at_rest, position_weights
+from mbpam_ros.plant.multibody import State, System, advance, assemble, bind
+from mbpam_ros.plant.rod import Motion, build_rod, position_weights
 from mbpam_ros.plant.shapes import SHAPE_CODES
 from mbpam_ros.plant.solids import principal_inertia
 from mbpam_ros.plant.tiers import (
@@ -31,6 +33,9 @@ from mbpam_ros.plant.tiers import (
 
 MOST_MODES = 6
 """More are not resolved: a mode of higher degree bends less than the law of the rod is known."""
+
+_NO_STEP = np.zeros(1)
+"""Of the hand's motion: its start only."""
 
 _DAMPED_S, _UNDAMPED_SWEEPS = 1e-3, 30
 _FREE_MODES, _CONTACT_MODES, _FEWEST_SEGMENTS = 2, 3, 4
@@ -71,7 +76,7 @@ class RodTier(Tier):
         if body is not None:
             shape, half, mass = SHAPE_CODES[body.shape], 0.5 * np.array(body.size_m), body.mass_kg
             inertia = principal_inertia(body.shape, body.size_m, body.mass_kg)
-        self._system = System(
+        system = System(
             step_s=setup.sub_step_s,
             sweeps=2 if config.retardation_time_s >= _DAMPED_S else _UNDAMPED_SWEEPS,
             gravity=setup.gravity_m_s2,
@@ -83,12 +88,15 @@ class RodTier(Tier):
             surroundings=Surroundings(shape, half, planes, table_in_reach, setup.fingers_touch),
             laws=np.array([kind.law() for kind in kinds]),
         )
-        self._advance = multibody.advance if config.retardation_time_s > 0.0 else advance_undamped
         self._fingers = len(setup.finger_base_m)
         self._coordinates = self._fingers * 2 * modes
+        rates = self._coordinates + (0 if body is None else 6)
+        self._memory = np.zeros(self._coordinates + rates + 7)
+        state = State(*np.split(self._memory, np.cumsum([self._coordinates, rates, 3])))
         most = contact_limit(self._fingers, len(planes), setup.fingers_touch)
-        self._contacts = contact_table(most, 2 * modes)
-        self._motion = motion_at_rest(self._fingers, modes, segments)
+        self._parts = assemble(state, system, contact_table(most, 2 * modes))
+        damped = config.retardation_time_s > 0.0
+        self._advance = partial(advance, bind(self._parts)) if damped else Composition(self._parts).advance
         along = np.linspace(0.0, setup.geometry.length_m, CENTRELINE_POINTS)
         self._line_weights = position_weights(setup.geometry, segments, along)
         self.reset()
@@ -102,29 +110,29 @@ class RodTier(Tier):
         return modes
 
     def reset(self) -> None:  # noqa: D102
-        body, rest = self._setup.body, np.zeros(self._coordinates)
-        velocity, position, orientation = rest.copy(), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
+        body, state = self._setup.body, self._parts.state
+        self._memory[:] = 0.0
+        state.orientation[3] = 1.0
         if body is not None:
-            velocity = np.concatenate([velocity, body.velocity_m_s, body.angular_velocity_rad_s])
-            position, orientation = np.array(body.position_m, float), np.array(body.orientation_xyzw, float)
-        self._state = State(rest, velocity, position, orientation)
-        self._forces = Forces(np.zeros((self._fingers, 3)), np.zeros(3), np.zeros(3), np.zeros((self._fingers, 3)))
+            state.velocity[self._coordinates :] = *body.velocity_m_s, *body.angular_velocity_rad_s
+            state.position[:], state.orientation[:] = body.position_m, body.orientation_xyzw
+        for force in self._parts.forces:
+            force[:] = 0.0
         self.iterations = 0
-        self._show()
+        self._begin()
 
     def step(  # noqa: D102
         self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array
     ) -> None:
-        state = State(*(part.copy() for part in self._state))
-        drive = Drive(
-            np.array((before.moment_n_m, after.moment_n_m)),
-            np.array((before.stiffness_n_m2, after.stiffness_n_m2)),
-            hand_height_m,
-            hand_velocity_m_s,
-        )
-        answer, self.iterations = self._advance(state, drive, self._system, self._contacts, self._motion, self._forces)
+        moments, stiffnesses = self._parts.drive
+        moments[0], moments[1] = before.moment_n_m, after.moment_n_m
+        stiffnesses[0], stiffnesses[1] = before.stiffness_n_m2, after.stiffness_n_m2
+        memory = self._memory.copy()
+        answer, self.iterations = self._advance(hand_height_m, hand_velocity_m_s)
+        self._shown = False
         if answer != multibody.OK:
-            self._show()
+            self._memory[:] = memory
+            self._begin()
             remedy = _REMEDY.capitalize()
             bend = np.hypot(*after.moment_n_m.T) * self._setup.geometry.active_length_m / after.stiffness_n_m2
             if answer == multibody.TOO_BENT and bend.max() > 0.5 * multibody.LARGEST_BEND_RAD:  # swings go twice as far
@@ -134,7 +142,6 @@ class RodTier(Tier):
             raise PlantDivergedError(
                 f"tier {self.name!r} at a sub-step of {self._setup.sub_step_s:g} s: {_REASONS[answer]}. {remedy}"
             )
-        self._state = state
 
     @property
     def modes(self) -> int:
@@ -147,15 +154,15 @@ class RodTier(Tier):
         The object stays as it is here.
         """
         common = 2 * min(self.modes, other.modes)
-        for own, theirs in zip(self._state[:2], other._state[:2], strict=True):
+        for own, theirs in zip(self._parts.state[:2], other._parts.state[:2], strict=True):
             own[: self._coordinates] = 0.0
             rows = own[: self._coordinates].reshape(self._fingers, -1)
             rows[:, :common] = theirs[: other._coordinates].reshape(self._fingers, -1)[:, :common]
-        self._show()
+        self._begin()
 
     def largest_rate_rad_s(self) -> float:
         """Return the largest sum of a muscle's rates, which no section of it exceeds in turning."""
-        rates = self._state.velocity[: self._coordinates].reshape(self._fingers, -1)
+        rates = self._parts.state.velocity[: self._coordinates].reshape(self._fingers, -1)
         return float(np.abs(rates).sum(axis=1).max())
 
     def centreline_m(self) -> Array:
@@ -166,14 +173,17 @@ class RodTier(Tier):
         """Return copies of where the object is and how it moves; none without one."""
         if self._setup.body is None:
             return None
-        velocity, fingers = self._state.velocity, self._coordinates
+        velocity, fingers = self._parts.state.velocity, self._coordinates
         turning = velocity[fingers + 3 :].copy()
         return BodyState(
-            self._state.position.copy(), self._state.orientation.copy(), velocity[fingers : fingers + 3].copy(), turning
+            self._parts.state.position.copy(),
+            self._parts.state.orientation.copy(),
+            velocity[fingers : fingers + 3].copy(),
+            turning,
         )
 
     def state(self) -> TierState:  # noqa: D102
-        shape, velocity, fingers = self._state.shape, self._state.velocity, self._coordinates
+        shape, velocity, fingers = self._parts.state.shape, self._parts.state.velocity, self._coordinates
         rates = velocity[:fingers].reshape(self._fingers, -1)
         tip_rate = np.einsum("fij,fj->fi", self._motion.slope[:, -1], rates)
         bend, bend_rate = tip_bend(self._motion.tangent[:, -1], tip_rate, shape.reshape(self._fingers, -1)[:, :2])
@@ -182,18 +192,27 @@ class RodTier(Tier):
             bend_rate_rad_s=bend_rate,
             centreline_m=self.centreline_m(),
             body=self.body_state(),
-            finger_force_n=self._forces.finger.copy(),
-            support_force_n=self._forces.support.copy(),
-            palm_force_n=self._forces.palm.copy(),
-            between_fingers_force_n=self._forces.between.copy(),
+            finger_force_n=self._parts.forces.finger.copy(),
+            support_force_n=self._parts.forces.support.copy(),
+            palm_force_n=self._parts.forces.palm.copy(),
+            between_fingers_force_n=self._parts.forces.between.copy(),
         )
 
+    def _begin(self) -> None:
+        """Go on from a state that no step has led to. The first time this compiles, before the first tick."""
+        self._parts.work.known[:] = False
+        self._show()
+
     def _show(self) -> None:
-        """Set the motion to that of the state: no sub-step. The first time this compiles, before the first tick."""
-        nothing = np.zeros(1)
-        drive = Drive(np.zeros((2, self._fingers, 2)), np.ones((2, self._fingers)), nothing, nothing)
-        forces = Forces(*(force.copy() for force in self._forces))
-        multibody.advance(self._state, drive, self._system, self._contacts, self._motion, forces)
+        self._advance(_NO_STEP, _NO_STEP)
+        self._shown = True
+
+    @property
+    def _motion(self) -> Motion:
+        """That of the state; it is computed when asked for."""
+        if not self._shown:
+            self._show()
+        return self._parts.motion
 
 
 class ArcTier(RodTier):

@@ -19,6 +19,9 @@ Stability: elastic, damping and contact terms are implicit, so neither k, eta no
 step; gravity and velocity terms are explicit and ask for h sqrt(g / l) < 1 and h |dq/dt| < 1, which 10 ms meet.
 Contact points, normals and friction loads are those at the start of the sub-step; it is this that sets the error in
 contact.
+
+Sweeps go on from what the sub-step before saw at its midpoint, and the contact solution from where the change of the
+velocities before leads; both outlast a call, so that a span cut into calls ends as it does in one, bit for bit.
 """
 
 from __future__ import annotations
@@ -33,7 +36,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mbpam_ros.plant.contact import Contacts
+from mbpam_ros.plant.bound import Block, access, new_block
+from mbpam_ros.plant.contact import Contacts, contact_table
 from mbpam_ros.plant.contact_search import (
     FINGER_OBJECT,
     FINGER_SUPPORT,
@@ -44,9 +48,9 @@ from mbpam_ros.plant.contact_search import (
     find_contacts,
     places,
 )
-from mbpam_ros.plant.contact_solver import scratch, solve_contacts, solve_in_place
+from mbpam_ros.plant.contact_solver import Scratch, scratch, solve_contacts, solve_in_place
 from mbpam_ros.plant.finger_contact import FINGER_FINGER, Lines, fingers_near, lines
-from mbpam_ros.plant.rod import Motion, Rod, masses_and_loads, move_rods
+from mbpam_ros.plant.rod import Motion, Rod, masses_and_loads, motion_at_rest, move_rods
 
 Array = NDArray[np.float64]
 
@@ -79,17 +83,14 @@ class State(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """What moves the muscles.
+    """What bends the muscles: moments and stiffnesses at the start and the end of a call, linear between them.
 
     Args:
-        moments, stiffnesses: at the start and the end, shapes (2, 4, 2) and (2, 4); linear between them.
-        heights, rates: of the hand at the ends of all sub-steps, shape (n + 1,).
+        moments, stiffnesses: shapes (2, 4, 2) and (2, 4).
     """
 
     moments: Array
     stiffnesses: Array
-    heights: Array
-    rates: Array
 
 
 class System(NamedTuple):
@@ -156,7 +157,7 @@ def turned(q: Array, wx: float, wy: float, wz: float, result: Array) -> None:
     result[0], result[1], result[2], result[3] = rx * norm, ry * norm, rz * norm, rw * norm
 
 
-class _Room(NamedTuple):
+class Room(NamedTuple):
     """Room for the muscles: coordinates, rates, loads (4, D), masses (4, D, D), and work of ``masses_and_loads``."""
 
     shape: Array
@@ -166,21 +167,88 @@ class _Room(NamedTuple):
     work: Array
 
 
-@njit
-def _room(rod: Rod, fingers: int) -> _Room:
-    segments, modes = rod.bends.shape[0], rod.bends.shape[2]
-    size = 2 * modes
-    return _Room(
-        np.empty((fingers, size)),
-        np.empty((fingers, size)),
-        np.empty((fingers, size)),
-        np.empty((fingers, size, size)),
-        np.empty((modes + 1, 6 * segments)),
+class Work(NamedTuple):
+    """Room for a step, and what the next one goes on from.
+
+    Args:
+        known: whether ``motion`` and ``room`` are those at the last midpoint, and ``gain`` is; shape (2,).
+        motion: where the last sweep saw the muscles.
+        gain: of the velocities in the last sub-step.
+        a, b, start: of the equations a v = b, and the velocities before, shapes (n, n), (n,) and (n,).
+        theta, rotation, middle, turn: of the bodies (5,) and of the object, (3, 3), (4,) and (3,).
+        room, spots, room_of_lines, equations: of the muscles, the contact search and the contact solution.
+    """
+
+    known: NDArray[np.bool_]
+    motion: Motion
+    gain: Array
+    a: Array
+    b: Array
+    start: Array
+    theta: Array
+    rotation: Array
+    middle: Array
+    turn: Array
+    room: Room
+    spots: Places
+    room_of_lines: Lines
+    equations: Scratch
+
+
+class Parts(NamedTuple):
+    """All that a call of :func:`advance` reads and writes but the hand's motion.
+
+    Args:
+        motion: that of the state when it was last shown.
+    """
+
+    state: State
+    drive: Drive
+    system: System
+    contacts: Contacts
+    motion: Motion
+    forces: Forces
+    work: Work
+
+
+def assemble(state: State, system: System, contacts: Contacts) -> Parts:
+    """Return the parts with room for the rest; nothing drives the muscles yet."""
+    fingers, (segments, _, modes), size = len(system.bases), system.rod.bends.shape, len(state.velocity)
+    columns = 2 * modes
+    return Parts(
+        state,
+        Drive(np.zeros((2, fingers, 2)), np.ones((2, fingers))),
+        system,
+        contacts,
+        motion_at_rest(fingers, modes, segments),
+        Forces(np.zeros((fingers, 3)), np.zeros(3), np.zeros(3), np.zeros((fingers, 3))),
+        Work(
+            known=np.zeros(2, np.bool_),
+            motion=motion_at_rest(fingers, modes, segments),
+            gain=np.zeros(size),
+            a=np.zeros((size, size)),
+            b=np.zeros(size),
+            start=np.zeros(size),
+            theta=np.zeros(fingers + 1),
+            rotation=np.eye(3),
+            middle=np.zeros(4),
+            turn=np.zeros(3),
+            room=Room(
+                np.zeros((fingers, columns)),
+                np.zeros((fingers, columns)),
+                np.zeros((fingers, columns)),
+                np.zeros((fingers, columns, columns)),
+                np.zeros((modes + 1, 6 * segments)),
+            ),
+            spots=places(system.surroundings),
+            room_of_lines=lines(system.rod, fingers),
+            equations=scratch(size, columns, fingers),
+        ),
     )
 
 
 @njit
-def _move_muscles(state: State, start: Array, system: System, share: float, motion: Motion, room: _Room) -> None:
+def _move_muscles(state: State, start: Array, system: System, share: float, motion: Motion, room: Room) -> None:
     """Write the motion of the muscles after ``share`` of the step."""
     fingers, size = room.shape.shape
     for f in range(fingers):
@@ -193,7 +261,7 @@ def _move_muscles(state: State, start: Array, system: System, share: float, moti
 
 @njit
 def _muscle_equations(
-    state: State, start: Array, system: System, drive: Drive, blend: float, theta: Array, room: _Room,
+    state: State, start: Array, system: System, drive: Drive, blend: float, theta: Array, room: Room,
     a: Array, b: Array,
 ) -> None:  # fmt: skip
     """Write the muscles' rows of a v = b with the masses and loads in ``room``."""
@@ -296,16 +364,13 @@ def _may_touch(around: Surroundings) -> bool:
 
 
 @njit
-def _touch(
-    state: State, system: System, drive: Drive, step: int, motion: Motion, spots: Places, room_of_lines: Lines,
-    rotation: Array, theta: Array, first: NDArray[np.int64], contacts: Contacts,
-) -> bool:  # fmt: skip
+def _touch(state: State, system: System, lift: float, hand_velocity: float, work: Work, contacts: Contacts) -> bool:
     """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
-    around, muscles, coordinates = system.surroundings, state.shape.shape[0], contacts.coordinates
-    rotation_matrix(state.orientation, rotation)
+    muscles, coordinates, theta, first = state.shape.shape[0], contacts.coordinates, work.theta, work.equations.first
+    rotation_matrix(state.orientation, work.rotation)
     find_contacts(
-        system.bases, system.rod, motion, around, state.position, rotation, drive.heights[step],
-        drive.rates[step + 1], spots, room_of_lines, contacts,
+        system.bases, system.rod, work.motion, system.surroundings, state.position, work.rotation, lift, hand_velocity,
+        work.spots, work.room_of_lines, contacts,
     )  # fmt: skip
     touching = contacts.count[0] > 0
     for i in range(state.velocity.shape[0]):
@@ -323,58 +388,49 @@ def _touch(
 
 
 @njit(inline="always")  # compiled as part of its one caller only
-def _advance(
-    state: State, drive: Drive, system: System, contacts: Contacts, motion: Motion, forces: Forces
-) -> tuple[int, int]:
-    """Do the work of :func:`advance`."""
-    steps, size, muscles = drive.heights.shape[0] - 1, state.velocity.shape[0], state.shape.shape[0]
-    fingers = system.bases.shape[0]
+def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
+    """Do the work of ``advance``."""
+    state, drive, system, contacts, shown, forces, work = parts
+    motion, room, equations, known = work.motion, work.room, work.equations, work.known
+    a, b, start, theta = work.a, work.b, work.start, work.theta
+    steps, size, muscles = heights.shape[0] - 1, state.velocity.shape[0], state.shape.shape[0]
     h, v = system.step_s, state.velocity
-    a, b, start = np.zeros((size, size)), np.zeros(size), np.zeros(size)
-    theta, rotation, middle, turn = np.empty(fingers + 1), np.eye(3), np.zeros(4), np.zeros(3)
-    coordinates = muscles // fingers
-    room, spots, room_of_lines, equations = (
-        _room(system.rod, fingers),
-        places(system.surroundings),
-        lines(system.rod, fingers),
-        scratch(size, coordinates, fingers),
-    )
+    if steps == 0:
+        _move_muscles(state, v, system, 0.0, shown, room)
+        return OK, 0
     in_reach, fingers_touch = _may_touch(system.surroundings), system.surroundings.fingers_touch
-    iterations, touching = 0, False
-    contacts.count[0] = 0
-    for step in range(steps + 1):
+    iterations, midpoint, extrapolate = 0, known[0], known[1]
+    known[0] = known[1] = False
+    if fingers_touch and not midpoint:
+        _move_muscles(state, v, system, 0.0, motion, room)
+    for step in range(steps):
         for i in range(size):
             start[i] = v[i]
-        touched, touching = touching, False
+        touching = False
         theta[:] = 0.5
+        contacts.count[0] = 0
         # Whether fingers may meet is asked of where the last sweep saw them, which costs no motion of its own.
-        near = in_reach or (
-            fingers_touch and step < steps and fingers_near(system.bases, system.rod, motion, room_of_lines)
-        )
+        near = in_reach or (fingers_touch and fingers_near(system.bases, system.rod, motion, work.room_of_lines))
         # The first sweep is at the start, or, where nothing is in reach, with what the step before saw at its midpoint.
         # Later ones are at the midpoint that the one before found.
         for sweep in range(system.sweeps):
             share = 0.5 if sweep > 0 else 0.0
-            anew = in_reach or sweep > 0 or step == 0 or step == steps or touched
+            anew = in_reach or sweep > 0 or not midpoint
             if anew or near:
                 _move_muscles(state, start, system, share, motion, room)
-            if step == steps:  # nothing left but to know the motion at the end
-                break
-            if sweep == 0:
-                contacts.count[0] = 0
-                if near:
-                    touching = _touch(
-                        state, system, drive, step, motion, spots, room_of_lines, rotation, theta, equations.first,
-                        contacts,
-                    )  # fmt: skip
+            if sweep == 0 and near:
+                touching = _touch(state, system, heights[step], rates[step + 1], work, contacts)
             blend = (step + 0.5) / steps
-            gravity = system.gravity + (drive.rates[step + 1] - drive.rates[step]) / h
+            gravity = system.gravity + (rates[step + 1] - rates[step]) / h
             if anew or touching:
                 masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
             _muscle_equations(state, start, system, drive, blend, theta, room, a, b)
             if size > muscles:
-                _object_equations(state, start, system, share, rotation, middle, a, b)
+                _object_equations(state, start, system, share, work.rotation, work.middle, a, b)
             if touching:
+                if extrapolate:
+                    for i in range(size):
+                        v[i] += work.gain[i]
                 left, count = solve_contacts(a, b, v, h, system.laws, contacts, equations)
                 iterations = max(iterations, count)
                 if not left < SOLVED_M_S:
@@ -388,33 +444,57 @@ def _advance(
                 v[i] = b[i]
             if moved < FOUND_RAD_S:
                 break
-        answer = _move(state, start, h, theta, turn) if step < steps else OK
+        answer = _move(state, start, h, theta, work.turn)
         if answer != OK:
             return answer, iterations
+        for i in range(size):
+            work.gain[i] = v[i] - start[i]
+        midpoint, extrapolate = not touching, True
+    known[0], known[1] = midpoint, extrapolate
     _sum_forces(contacts, forces)
     return OK, iterations
 
 
-def _cached(source_digest: int) -> Callable[..., tuple[int, int]]:
-    """Compile ``_advance`` into the cache on disk.
+def _sample() -> Parts:
+    """Return parts of the types that all have: of one muscle with one segment and one ball."""
+    rod = Rod(np.ones((1, 2, 1)), np.ones(1), np.ones((1, 1)), np.ones(1), np.ones((1, 2)), np.ones((1, 2)), 1.0, 1.0)
+    around = Surroundings(-1, np.zeros(3), np.zeros((0, 3)), False, False)
+    system = System(1.0, 1, 0.0, np.zeros((1, 3)), rod, 0.0, 0.0, np.zeros(3), around, np.zeros((5, 7)))
+    return assemble(State(np.zeros(2), np.zeros(2), np.zeros(3), np.zeros(4)), system, contact_table(1, 2))
+
+
+_write, _read = access(_sample())
+
+
+def _cached(
+    source_digest: int,
+) -> tuple[Callable[[Block, Parts], None], Callable[[Block, Array, Array], tuple[int, int]]]:
+    """Compile ``_bind`` and ``advance`` into the cache on disk.
 
     The cache only watches the file of the cached function. A digest of all sources it is built from, being part of
     the closure, is part of the cache's key: no stale machine code after an edit of another file.
     """
 
     @njit(cache=True)
-    def advance_plain(
-        state: tuple, drive: tuple, system: tuple, contacts: tuple, motion: tuple, forces: tuple
-    ) -> tuple[int, int]:
+    def _bind(bound: Block, parts: Parts) -> None:
+        if source_digest >= 0:
+            _write(bound, parts)
+
+    @njit(cache=True)
+    def advance(bound: Block, heights: Array, rates: Array) -> tuple[int, int]:
+        """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps.
+
+        Without a sub-step this shows the state: it writes ``motion``, and nothing else.
+
+        Args:
+            bound: the parts, from :func:`bind`.
+            heights, rates: of the hand at the ends of all sub-steps, shape (n + 1,).
+        """
         if source_digest < 0:
             return NOT_SOLVED, 0
-        step_s, sweeps, gravity, bases, rod, retardation, mass, inertia, surroundings, laws = system
-        named = System(
-            step_s, sweeps, gravity, bases, Rod(*rod), retardation, mass, inertia, Surroundings(*surroundings), laws
-        )
-        return _advance(State(*state), Drive(*drive), named, Contacts(*contacts), Motion(*motion), Forces(*forces))
+        return _advance(_read(bound), heights, rates)
 
-    return advance_plain
+    return _bind, advance
 
 
 def _source_digest() -> int:
@@ -424,16 +504,15 @@ def _source_digest() -> int:
     return digest
 
 
-_advance_plain = _cached(_source_digest())
+_bind, advance = _cached(_source_digest())
 
 
-def advance(
-    state: State, drive: Drive, system: System, contacts: Contacts, motion: Motion, forces: Forces
-) -> tuple[int, int]:
-    """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps.
+def bind(parts: Parts) -> Block:
+    """Return the parts for :func:`advance`; changes of their arrays are seen on both sides. Keep them as long as this.
 
-    The border to compiled code is crossed in plain tuples: numba looks up the type of a named one in Python, which
-    takes several times as long as a sub-step.
+    Raises:
+        numba.TypingError: an array is not contiguous or not of its type.
     """
-    plain = (*system[:4], tuple(system.rod), *system[5:8], tuple(system.surroundings), system.laws)
-    return _advance_plain(tuple(state), tuple(drive), plain, tuple(contacts), tuple(motion), tuple(forces))
+    bound = new_block(parts)
+    _bind(bound, parts)
+    return bound

@@ -83,7 +83,7 @@ def test_the_velocities_after_contact_are_the_same_from_any_start(count, seed, f
     table.share[:] = random.uniform(0.1, 1.0, count)
     table.normal[:] = random.standard_normal((count, 3))
     table.normal[:] /= np.linalg.norm(table.normal, axis=1, keepdims=True)
-    table.jacobian[:] = 0.05 * random.standard_normal((count, 6, 8))
+    table.jacobian[:] = 0.05 * random.standard_normal((count, 8, 6))
     table.finger[:] = random.integers(0, 4, count)
     a, b = np.diag(random.uniform(1e-5, 1e-1, 14)), 1e-3 * random.standard_normal(14)
     ends = []

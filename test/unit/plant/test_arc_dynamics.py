@@ -42,7 +42,7 @@ def advance(arc, before, after, duration_s, step_s):
 
 def energy(arc, moment):
     """Kinetic and total energy of the first muscle, zero at rest and straight."""
-    rod, motion, state = arc._system.rod, arc._motion, arc.state()
+    rod, motion, state = arc._parts.system.rod, arc._motion, arc.state()
     speed = motion.slope[0, 1:] @ state.bend_rate_rad_s[0]
     kinetic = 0.5 * np.sum((rod.inertia @ speed) ** 2)
     bend = state.bend_rad[0]
@@ -174,8 +174,8 @@ def test_without_an_object_and_a_table_in_reach_no_contact_is_sought():
     arc = tier(1e-3)
     advance(arc, actuation([0.02, 0.0]), actuation([0.02, 0.0]), 0.1, 1e-3)
     assert arc.iterations == 0
-    assert arc._state.velocity.shape == (8,)
-    assert not arc._system.surroundings.table_in_reach
+    assert arc._parts.state.velocity.shape == (8,)
+    assert not arc._parts.system.surroundings.table_in_reach
 
 
 def test_a_step_that_diverges_raises_and_keeps_the_state():

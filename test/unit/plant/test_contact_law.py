@@ -8,8 +8,8 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.contact import contact_force, contact_slope, contact_table
 from mbpam_ros.plant.contact_config import ContactConfig
 from mbpam_ros.plant.contact_search import BALLS, Surroundings, contact_limit
-from mbpam_ros.plant.multibody import Drive, Forces, State, System, advance
-from mbpam_ros.plant.rod import build_rod, motion_at_rest
+from mbpam_ros.plant.multibody import State, System, advance, assemble, bind
+from mbpam_ros.plant.rod import build_rod
 from mbpam_ros.plant.shapes import BOX, CYLINDER, SPHERE, signed_distance
 
 GEOMETRY = load_gripper().geometry
@@ -33,11 +33,10 @@ def touches(bend, shape, half, centre, planes=NO_PLANES):
     state = State(
         np.array([*bend, *np.zeros(6)]), np.zeros(8 if shape < 0 else 14), np.array(centre), np.array([0.0, 0, 0, 1])
     )
-    drive = Drive(np.zeros((2, 4, 2)), np.zeros((2, 4)), np.zeros(2), np.zeros(2))
-    forces = Forces(np.zeros((4, 3)), np.zeros(3), np.zeros(3), np.zeros((4, 3)))
-    advance(state, drive, system, table, motion_at_rest(4, 1, 7), forces)
+    parts = assemble(state, system, table)
+    advance(bind(parts), np.zeros(2), np.zeros(2))
     used = np.flatnonzero(table.finger[: table.count[0]] == 0)
-    arm = np.column_stack([table.jacobian[used, 1, 7], table.jacobian[used, 2, 5], table.jacobian[used, 0, 6]])
+    arm = np.column_stack([table.jacobian[used, 7, 1], table.jacobian[used, 5, 2], table.jacobian[used, 6, 0]])
     return table.depth[used], table.share[used], arm + centre, table.normal[used]
 
 

@@ -43,7 +43,7 @@ def opposite(strength_n_m):
 
 def ball_centres(tier):
     """Of the swept spheres, shape (4, n, 3)."""
-    return tier._system.rod.balls @ tier._motion.tangent + BASES[:, None]
+    return tier._parts.system.rod.balls @ tier._motion.tangent + BASES[:, None]
 
 
 def distance_m(tier, one, other):
@@ -65,7 +65,7 @@ def test_two_tips_pressed_on_each_other_rest_as_deep_as_their_stiffness_says(nam
     push = np.linalg.norm(force[0])
     assert 0.1 < push < 0.5
     np.testing.assert_allclose(force[0] / push, [*-INWARD[0], 0.0], atol=1e-6)
-    tip = tier._system.rod.spacing / 2 / GEOMETRY.outer_radius_m + 1.0  # the rounded end, in lengths of a radius
+    tip = tier._parts.system.rod.spacing / 2 / GEOMETRY.outer_radius_m + 1.0  # the rounded end, in lengths of a radius
     depth = push / (CONFIG.finger_finger.stiffness_n_m * tip)
     assert distance_m(tier, 0, 2) == pytest.approx(2.0 * GEOMETRY.outer_radius_m - depth, abs=2e-6)
     assert np.abs(tier.state().bend_rate_rad_s).max() < 1e-3
@@ -99,7 +99,7 @@ def test_each_of_two_pressed_arcs_is_in_balance_by_virtual_work():
 def test_crossed_fingers_touch_where_a_fine_search_finds_them_and_rub_within_coulombs_cone(name, modes):
     moment = np.array([[-0.04, -0.012], [0.012, -0.04], [0.0, 0.0], [0.0, 0.0]])
     tier = pressed(name, modes, moment, duration_s=0.5)
-    table = tier._contacts
+    table = tier._parts.contacts
     used = slice(0, int(table.count[0]))
     assert used.stop > 0
     assert set(zip(table.finger[used], table.other[used], strict=True)) == {(0, 1)}
@@ -159,7 +159,7 @@ def test_fingers_that_close_at_once_stop_each_other(step_s):
     deepest = 0.0
     for _ in range(round(0.3 / step_s)):
         tier.step(full, full, np.zeros(2), np.zeros(2))
-        deepest = max(deepest, tier._contacts.depth[: tier._contacts.count[0]].max(initial=0.0))
+        deepest = max(deepest, tier._parts.contacts.depth[: tier._parts.contacts.count[0]].max(initial=0.0))
     assert 0.0 < deepest < 0.7 * GEOMETRY.outer_radius_m
 
 

@@ -139,8 +139,8 @@ def test_a_grasp_converges_with_the_step():
 
 def energy(rod, moment):
     """Kinetic and total energy of each muscle, shape (4,); the potential is zero straight."""
-    parts, motion, size = rod._system.rod, rod._motion, rod._coordinates // 4
-    q, rate = (part[: 4 * size].reshape(4, size) for part in rod._state[:2])
+    parts, motion, size = rod._parts.system.rod, rod._motion, rod._coordinates // 4
+    q, rate = (part[: 4 * size].reshape(4, size) for part in rod._parts.state[:2])
     speed = np.einsum("rk,fkij,fj->fri", parts.inertia, motion.slope[:, 1:], rate)
     kinetic = 0.5 * (speed**2).sum(axis=(1, 2))
     stiffness = STIFFNESS / GEOMETRY.active_length_m / (2.0 * (np.arange(size) // 2) + 1.0)

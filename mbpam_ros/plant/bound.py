@@ -1,0 +1,100 @@
+"""Tuples of arrays behind one address, for compiled code that is called often.
+
+To pass sixty arrays one by one takes several times as long as a sub-step does. Here they are passed once: they are
+written, as compiled code holds them, into a block of memory, and a call passes this block. Whoever made the arrays
+keeps them as long as the block is used; no references are counted.
+
+Without the compiler the block is a list with the tuple in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import typeof
+from numba.core import config, types
+from numba.core.base import BaseContext
+from numba.core.typing import Signature
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array
+from numpy.typing import NDArray
+
+Block = NDArray[np.uint8] | list[tuple]
+
+_PER_ARRAY, _PER_NUMBER = 5 + 2 * 4, 1
+"""The most words of eight bytes that an array, of up to four dimensions, and a number take."""
+
+
+def new_block(parts: tuple) -> Block:
+    """Return a block with room for the parts; without the compiler, with the parts."""
+    return [parts] if config.DISABLE_JIT else np.zeros(8 * _words(parts), np.uint8)
+
+
+def _words(part: object) -> int:
+    if isinstance(part, tuple):
+        return sum(map(_words, part))
+    return _PER_ARRAY if isinstance(part, np.ndarray) else _PER_NUMBER
+
+
+def access(sample: tuple) -> tuple[Callable[[Block, tuple], None], Callable[[Block], Any]]:
+    """Return what compiled code writes tuples of the type of the sample into blocks with, and what it reads them with.
+
+    Other types are refused when the code is compiled.
+    """
+    if config.DISABLE_JIT:
+        return _keep, _first
+    kind = typeof(sample)
+
+    @intrinsic
+    def write(_: object, block: types.Type, parts: types.Type) -> tuple[Signature, Callable] | None:
+        if parts != kind:
+            return None
+
+        def generate(context: BaseContext, builder: ir.IRBuilder, _: Signature, arguments: tuple) -> ir.Value:
+            place = _place(context, builder, kind, block, arguments[0])
+            context.pack_value(builder, kind, _without_owners(context, builder, kind, arguments[1]), place)
+            return context.get_dummy_value()
+
+        return types.void(block, kind), generate
+
+    @intrinsic
+    def read(_: object, block: types.Type) -> tuple[Signature, Callable]:
+        def generate(context: BaseContext, builder: ir.IRBuilder, _: Signature, arguments: tuple) -> ir.Value:
+            return context.unpack_value(builder, kind, _place(context, builder, kind, block, arguments[0]))
+
+        return kind(block), generate
+
+    return write, read
+
+
+def _keep(block: list[tuple], parts: tuple) -> None:
+    block[0] = parts
+
+
+def _first(block: list[tuple]) -> tuple:
+    return block[0]
+
+
+def _place(
+    context: BaseContext, builder: ir.IRBuilder, kind: types.Type, block: types.Array, value: ir.Value
+) -> ir.Value:
+    """Return the address of the block, as that of a tuple."""
+    address = make_array(block)(context, builder, value).data
+    return builder.bitcast(address, context.get_data_type(kind).as_pointer())
+
+
+def _without_owners(context: BaseContext, builder: ir.IRBuilder, kind: types.Type, value: ir.Value) -> ir.Value:
+    """Return the value with the owners of all its arrays left out."""
+    if isinstance(kind, types.Array):
+        array = make_array(kind)(context, builder, value)
+        array.meminfo = ir.Constant(array.meminfo.type, None)
+        array.parent = ir.Constant(array.parent.type, None)
+        return array._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        for place, part in enumerate(kind):
+            bare = _without_owners(context, builder, part, builder.extract_value(value, place))
+            value = builder.insert_value(value, bare, place)
+    return value
