@@ -60,7 +60,7 @@ class Scratch(NamedTuple):
     Args:
         hessian: shape (n, n).
         smooth, pull, residual, step: a v - b, a times the step, what is left of the equations, and Newton's step, (n,).
-        slope, stiff, trial: of one contact, shapes (2, 3, 3), (D + 6 or 2 D, 6) and (6,).
+        slope, trial: of one contact, shapes (2, 3, 3) and (6,).
         first: the envelope of the equations, shape (n,).
     """
 
@@ -70,7 +70,6 @@ class Scratch(NamedTuple):
     residual: Array
     step: Array
     slope: Array
-    stiff: Array
     trial: Array
     first: NDArray[np.int64]
 
@@ -87,7 +86,6 @@ def scratch(size: int, coordinates: int, fingers: int) -> Scratch:
         np.empty(size),
         np.empty(size),
         np.empty((2, 3, 3)),
-        np.empty((coordinates + max(coordinates, 6), 6)),
         np.empty(6),
         first,
     )
@@ -171,7 +169,7 @@ def _residual(smooth: Array, h: float, contacts: Contacts, residual: Array) -> N
 def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch) -> None:
     """Write the derivative of the residual; only its lower half."""
     size, coordinates, jacobian = a.shape[0], contacts.coordinates, contacts.jacobian
-    hessian, slope, stiff, first = room.hessian, room.slope, room.stiff, room.first
+    hessian, slope, first = room.hessian, room.slope, room.first
     for i in range(size):
         for j in range(first[i], i + 1):
             hessian[i, j] = a[i, j]
@@ -181,23 +179,25 @@ def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch)
             contacts.push[c], slope,
         )  # fmt: skip
         start, stop, finger, body = _columns(contacts, c, size)
-        for j in range(start, stop):  # h times the slope times J
-            for part in range(2):
-                x, y, z = (
-                    h * jacobian[c, j, 3 * part],
-                    h * jacobian[c, j, 3 * part + 1],
-                    h * jacobian[c, j, 3 * part + 2],
-                )
-                for k in range(3):
-                    stiff[j, 3 * part + k] = slope[part, k, 0] * x + slope[part, k, 1] * y + slope[part, k, 2] * z
+        vxx, vxy, vxz = h * slope[0, 0, 0], h * slope[0, 0, 1], h * slope[0, 0, 2]
+        vyy, vyz, vzz = h * slope[0, 1, 1], h * slope[0, 1, 2], h * slope[0, 2, 2]
+        wxx, wxy, wxz = h * slope[1, 0, 0], h * slope[1, 0, 1], h * slope[1, 0, 2]
+        wyy, wyz, wzz = h * slope[1, 1, 1], h * slope[1, 1, 2], h * slope[1, 2, 2]
         for i in range(start, stop):
             row = finger + i if i < coordinates else body + i
             x, y, z = jacobian[c, i, 0], jacobian[c, i, 1], jacobian[c, i, 2]
-            turn_x, turn_y, turn_z = jacobian[c, i, 3], jacobian[c, i, 4], jacobian[c, i, 5]
-            for j in range(start, i + 1):
-                hessian[row, finger + j if j < coordinates else body + j] += (
-                    x * stiff[j, 0] + y * stiff[j, 1] + z * stiff[j, 2]
-                    + turn_x * stiff[j, 3] + turn_y * stiff[j, 4] + turn_z * stiff[j, 5]
+            x, y, z = vxx * x + vxy * y + vxz * z, vxy * x + vyy * y + vyz * z, vxz * x + vyz * y + vzz * z
+            p, q, r = jacobian[c, i, 3], jacobian[c, i, 4], jacobian[c, i, 5]
+            p, q, r = wxx * p + wxy * q + wxz * r, wxy * p + wyy * q + wyz * r, wxz * p + wyz * q + wzz * r
+            for j in range(start, min(i + 1, coordinates)):
+                hessian[row, finger + j] += (
+                    x * jacobian[c, j, 0] + y * jacobian[c, j, 1] + z * jacobian[c, j, 2]
+                    + p * jacobian[c, j, 3] + q * jacobian[c, j, 4] + r * jacobian[c, j, 5]
+                )  # fmt: skip
+            for j in range(coordinates, i + 1):
+                hessian[row, body + j] += (
+                    x * jacobian[c, j, 0] + y * jacobian[c, j, 1] + z * jacobian[c, j, 2]
+                    + p * jacobian[c, j, 3] + q * jacobian[c, j, 4] + r * jacobian[c, j, 5]
                 )  # fmt: skip
 
 

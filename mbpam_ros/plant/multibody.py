@@ -182,6 +182,7 @@ class Work(NamedTuple):
     known: NDArray[np.bool_]
     motion: Motion
     gain: Array
+    ahead: Array
     a: Array
     b: Array
     start: Array
@@ -226,6 +227,7 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
             known=np.zeros(2, np.bool_),
             motion=motion_at_rest(fingers, modes, segments),
             gain=np.zeros(size),
+            ahead=np.zeros(size),
             a=np.zeros((size, size)),
             b=np.zeros(size),
             start=np.zeros(size),
@@ -430,7 +432,7 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
             if touching:
                 if extrapolate:
                     for i in range(size):
-                        v[i] += work.gain[i]
+                        v[i] += work.ahead[i]
                 left, count = solve_contacts(a, b, v, h, system.laws, contacts, equations)
                 iterations = max(iterations, count)
                 if not left < SOLVED_M_S:
@@ -448,7 +450,9 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
         if answer != OK:
             return answer, iterations
         for i in range(size):
-            work.gain[i] = v[i] - start[i]
+            gain = v[i] - start[i]
+            work.ahead[i] = 2.0 * gain - work.gain[i] if extrapolate else gain
+            work.gain[i] = gain
         midpoint, extrapolate = not touching, True
     known[0], known[1] = midpoint, extrapolate
     _sum_forces(contacts, forces)

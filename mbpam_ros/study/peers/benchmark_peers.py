@@ -19,7 +19,7 @@ from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.tiers import PlantConfig
 from mbpam_ros.study.fidelity.boundary_value import BoundaryValueError
-from mbpam_ros.study.peers.grasp import CLOSE_S, HELD_SHARE, HOLD_S, LIFT_M, LIFT_S, Grasp
+from mbpam_ros.study.peers.grasp import GRASP_S, HELD_SHARE, LIFT_M, Grasp
 from mbpam_ros.study.peers.mujoco_model import (
     CONE,
     IMPRATIO,
@@ -149,10 +149,9 @@ def _single_calls(problem: FingerProblem, ours: Tried, peer: Tried, runs: int) -
 
 def _contact(problem: FingerProblem, runs: int) -> dict[str, object]:
     """Time a grasp and lift at one step; show that the sphere slips out in both with little friction."""
-    seconds = CLOSE_S + LIFT_S + HOLD_S
 
     def lifted(simulation: OwnGrasp | MujocoGrasp) -> float:
-        return cpu_ms_per_s(simulation, lambda span: _in_calls(simulation.advance, span), seconds)
+        return cpu_ms_per_s(simulation, lambda span: _in_calls(simulation.advance, span), GRASP_S)
 
     def own(friction: float) -> OwnGrasp:
         return OwnGrasp(Grasp(problem, friction=friction, **_SPHERE), _CONTACT_MODES, _CONTACT_STEP_S)

@@ -10,6 +10,8 @@ from mbpam_ros.study.peers.problem import Array, FingerProblem
 CLOSE_S, LIFT_S, HOLD_S, LIFT_M = 1.0, 1.0, 0.5, 0.100
 """Time to close, time and height of the lift, and how long the hand then waits."""
 
+GRASP_S = CLOSE_S + LIFT_S + HOLD_S
+
 HELD_SHARE = 0.8
 """Of the lift: a sphere that has risen by more is held."""
 

@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mbpam_ros.study.peers.grasp import Grasp, hand_motion
+from mbpam_ros.study.peers.grasp import GRASP_S, Grasp, hand_motion
 from mbpam_ros.study.peers.problem import Array, FingerProblem, PeerMissingError
 
 CONE, IMPRATIO = "elliptic", 10.0
@@ -176,17 +176,21 @@ class MujocoGrasp:
         self._data = self._mujoco.MjData(self._model)
         self._step_s, self._grasp = step_s, grasp
         self._lift = self._model.joint("lift").id
+        self._height_m, _ = hand_motion(np.arange(round(GRASP_S / step_s) + 1) * step_s)
+        self._done = 0
 
     def reset(self) -> None:
         """Open, hand down."""
         self._mujoco.mj_resetData(self._model, self._data)
+        self._done = 0
 
     def advance(self, seconds: float) -> None:
         """Go on, all steps in one Python call, the hand at its mean speed over them."""
-        times = self._data.time + np.array([0.0, seconds])
-        height, _ = hand_motion(times)
-        self._data.qpos[self._lift], self._data.qvel[self._lift] = height[0], (height[1] - height[0]) / seconds
-        self._mujoco.mj_step(self._model, self._data, nstep=round(seconds / self._step_s))
+        steps, first = round(seconds / self._step_s), self._height_m[self._done]
+        self._done += steps
+        self._data.qpos[self._lift] = first
+        self._data.qvel[self._lift] = (self._height_m[self._done] - first) / seconds
+        self._mujoco.mj_step(self._model, self._data, nstep=steps)
 
     def rise_m(self) -> float:
         """Return how far the sphere has risen."""

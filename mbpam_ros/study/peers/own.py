@@ -10,7 +10,7 @@ from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.configuration import load_config
 from mbpam_ros.plant.moving import RodTier
 from mbpam_ros.plant.tiers import Actuation, PlantConfig, RigidBody, TierSetup
-from mbpam_ros.study.peers.grasp import Grasp, hand_motion
+from mbpam_ros.study.peers.grasp import GRASP_S, Grasp, hand_motion
 from mbpam_ros.study.peers.problem import (
     Array,
     FingerProblem,
@@ -64,18 +64,19 @@ class OwnGrasp:
         )
         self._tier = RodTier(_setup(grasp.problem, modes, step_s, body, plane, grasp.friction))
         self._on, self._step_s, self._grasp = _actuation(grasp.problem), step_s, grasp
-        self._time_s = 0.0
+        self._height_m, self._rate_m_s = hand_motion(np.arange(round(GRASP_S / step_s) + 1) * step_s)
+        self._done = 0
 
     def reset(self) -> None:
         """Open, hand down."""
         self._tier.reset()
-        self._time_s = 0.0
+        self._done = 0
 
     def advance(self, seconds: float) -> None:
         """Go on, all steps in one Python call."""
-        times = self._time_s + np.arange(round(seconds / self._step_s) + 1) * self._step_s
-        self._tier.step(self._on, self._on, *hand_motion(times))
-        self._time_s += seconds
+        first, self._done = self._done, self._done + round(seconds / self._step_s)
+        ends = slice(first, self._done + 1)
+        self._tier.step(self._on, self._on, self._height_m[ends], self._rate_m_s[ends])
 
     def rise_m(self) -> float:
         """Return how far the sphere has risen."""
