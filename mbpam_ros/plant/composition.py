@@ -43,9 +43,16 @@ class Composition:
         """Advance the state in place by all sub-steps, as :func:`mbpam_ros.plant.multibody.advance` does."""
         if len(heights) == 1:
             return advance(self._whole, heights, rates)
-        state, drive, contacts = self._parts.state, self._parts.drive, self._parts.contacts
-        iterations, both = 0, Drive(*(part.copy() for part in drive))
-        for moments, stiffnesses, height, rate in _ends(both, heights, rates):
+        drive = self._parts.drive
+        whole = Drive(*(part.copy() for part in drive))
+        answer = self._advance(whole, heights, rates)
+        for part, values in zip(drive, whole, strict=True):
+            part[:] = values
+        return answer
+
+    def _advance(self, whole: Drive, heights: Array, rates: Array) -> tuple[int, int]:
+        state, drive, contacts, iterations = self._parts.state, self._parts.drive, self._parts.contacts, 0
+        for moments, stiffnesses, height, rate in _ends(whole, heights, rates):
             start = [part.copy() for part in state]
             answer = self._composed_step(moments, stiffnesses, height, rate)
             if contacts.count[0]:

@@ -13,6 +13,7 @@ from mbpam_ros.plant.contact_search import FINGER_SUPPORT
 from mbpam_ros.plant.finger_contact import FINGER_FINGER
 
 Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
 
 NEWTON_LIMIT = 60
 LINE_LIMIT = 40
@@ -133,7 +134,7 @@ def _relative(contacts: Contacts, v: Array, relative: Array) -> None:
         relative[c, 3], relative[c, 4], relative[c, 5] = turn_x, turn_y, turn_z
 
 
-@njit
+@njit(forceinline=True)
 def _push(h: float, laws: Array, contacts: Contacts, fraction: float, trial: Array) -> float:
     """Write the forces at the velocities less ``fraction`` of their change; return their power in the change."""
     velocity, change, force, power = contacts.velocity, contacts.change, contacts.force, 0.0
@@ -166,8 +167,36 @@ def _residual(smooth: Array, h: float, contacts: Contacts, residual: Array) -> N
 
 
 @njit
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit
+def _add_object(
+    stiff: tuple[Vector, Vector, Vector], turning: tuple[Vector, Vector, Vector], arm: Vector, o: int, hessian: Array
+) -> None:
+    """Add to the object's own block, from o on, of the slopes at the arm from its centre; only its lower half.
+
+    Forces there have the moment arm x force about the centre, and turning makes it move by turning x arm.
+    """
+    x, y, z = _cross(arm, stiff[0]), _cross(arm, stiff[1]), _cross(arm, stiff[2])  # moments of unit velocities
+    for i in range(3):
+        for j in range(i + 1):
+            hessian[o + i, o + j] += stiff[i][j]
+        hessian[o + 3 + i, o] += x[i]
+        hessian[o + 3 + i, o + 1] += y[i]
+        hessian[o + 3 + i, o + 2] += z[i]
+        around = _cross(arm, (x[i], y[i], z[i]))
+        for j in range(i + 1):
+            hessian[o + 3 + i, o + 3 + j] += around[j] + turning[i][j]
+
+
+@njit
 def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch) -> None:
-    """Write the derivative of the residual; only its lower half."""
+    """Write the derivative of the residual; only its lower half.
+
+    The object's columns of J are those of a rigid body: they are not multiplied out.
+    """
     size, coordinates, jacobian = a.shape[0], contacts.coordinates, contacts.jacobian
     hessian, slope, first = room.hessian, room.slope, room.first
     for i in range(size):
@@ -183,12 +212,31 @@ def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch)
         vyy, vyz, vzz = h * slope[0, 1, 1], h * slope[0, 1, 2], h * slope[0, 2, 2]
         wxx, wxy, wxz = h * slope[1, 0, 0], h * slope[1, 0, 1], h * slope[1, 0, 2]
         wyy, wyz, wzz = h * slope[1, 1, 1], h * slope[1, 1, 2], h * slope[1, 2, 2]
-        for i in range(start, stop):
+        on_object = stop > coordinates and contacts.kind[c] != FINGER_FINGER
+        o, arm = body + coordinates, (0.0, 0.0, 0.0)
+        if on_object:
+            arm = (
+                jacobian[c, coordinates + 5, 1],
+                jacobian[c, coordinates + 3, 2],
+                jacobian[c, coordinates + 4, 0],
+            )
+            stiff = ((vxx, vxy, vxz), (vxy, vyy, vyz), (vxz, vyz, vzz))
+            turning = ((wxx, wxy, wxz), (wxy, wyy, wyz), (wxz, wyz, wzz))
+            _add_object(stiff, turning, arm, o, hessian)
+        for i in range(start, coordinates if on_object else stop):
             row = finger + i if i < coordinates else body + i
             x, y, z = jacobian[c, i, 0], jacobian[c, i, 1], jacobian[c, i, 2]
             x, y, z = vxx * x + vxy * y + vxz * z, vxy * x + vyy * y + vyz * z, vxz * x + vyz * y + vzz * z
             p, q, r = jacobian[c, i, 3], jacobian[c, i, 4], jacobian[c, i, 5]
             p, q, r = wxx * p + wxy * q + wxz * r, wxy * p + wyy * q + wyz * r, wxz * p + wyz * q + wzz * r
+            if on_object:
+                moment = _cross(arm, (x, y, z))
+                hessian[o, row] += x
+                hessian[o + 1, row] += y
+                hessian[o + 2, row] += z
+                hessian[o + 3, row] += moment[0] + p
+                hessian[o + 4, row] += moment[1] + q
+                hessian[o + 5, row] += moment[2] + r
             for j in range(start, min(i + 1, coordinates)):
                 hessian[row, finger + j] += (
                     x * jacobian[c, j, 0] + y * jacobian[c, j, 1] + z * jacobian[c, j, 2]

@@ -112,6 +112,7 @@ class RodTier(Tier):
     def reset(self) -> None:  # noqa: D102
         body, state = self._setup.body, self._parts.state
         self._memory[:] = 0.0
+        self._before = self._after = None
         state.orientation[3] = 1.0
         if body is not None:
             state.velocity[self._coordinates :] = *body.velocity_m_s, *body.angular_velocity_rad_s
@@ -125,8 +126,10 @@ class RodTier(Tier):
         self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array
     ) -> None:
         moments, stiffnesses = self._parts.drive
-        moments[0], moments[1] = before.moment_n_m, after.moment_n_m
-        stiffnesses[0], stiffnesses[1] = before.stiffness_n_m2, after.stiffness_n_m2
+        if before is not self._before:  # to write what is there already would take as long as a sub-step
+            moments[0], stiffnesses[0], self._before = before.moment_n_m, before.stiffness_n_m2, before
+        if after is not self._after:
+            moments[1], stiffnesses[1], self._after = after.moment_n_m, after.stiffness_n_m2, after
         memory = self._memory.copy()
         answer, self.iterations = self._advance(hand_height_m, hand_velocity_m_s)
         self._shown = False

@@ -21,7 +21,8 @@ Contact points, normals and friction loads are those at the start of the sub-ste
 contact.
 
 Sweeps go on from what the sub-step before saw at its midpoint, and the contact solution from where the change of the
-velocities before leads; both outlast a call, so that a span cut into calls ends as it does in one, bit for bit.
+velocities before leads; both outlast a call, so that a span cut into calls ends as it does in one, to
+rounding.
 """
 
 from __future__ import annotations
@@ -171,9 +172,9 @@ class Work(NamedTuple):
     """Room for a step, and what the next one goes on from.
 
     Args:
-        known: whether ``motion`` and ``room`` are those at the last midpoint, and ``gain`` is; shape (2,).
+        known: whether ``motion`` and ``room`` are those at the last midpoint, and whether ``ahead`` is; shape (2,).
         motion: where the last sweep saw the muscles.
-        gain: of the velocities in the last sub-step.
+        gain, ahead: of the velocities in the last sub-step, and in the next one if they go on as in the last two.
         a, b, start: of the equations a v = b, and the velocities before, shapes (n, n), (n,) and (n,).
         theta, rotation, middle, turn: of the bodies (5,) and of the object, (3, 3), (4,) and (3,).
         room, spots, room_of_lines, equations: of the muscles, the contact search and the contact solution.
@@ -365,7 +366,7 @@ def _may_touch(around: Surroundings) -> bool:
     return around.shape >= 0 or around.table_in_reach
 
 
-@njit
+@njit(forceinline=True)
 def _touch(state: State, system: System, lift: float, hand_velocity: float, work: Work, contacts: Contacts) -> bool:
     """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
     muscles, coordinates, theta, first = state.shape.shape[0], contacts.coordinates, work.theta, work.equations.first

@@ -303,7 +303,7 @@ def masses_and_loads(rod: Rod, motion: Motion, gravity: float, work: Array, mass
                 mass[finger, v, x], mass[finger, w, x], mass[finger, v, y], mass[finger, w, y] = xx, xy, yx, yy
 
 
-@njit
+@njit(forceinline=True)
 def ball_position(rod: Rod, tangent: Array, ball: int) -> Vector:
     """Return the position of a ball of the muscle with these tangents, shape (S + 1, 3), from its clamp."""
     x, y, z = 0.0, 0.0, 0.0
@@ -313,7 +313,7 @@ def ball_position(rod: Rod, tangent: Array, ball: int) -> Vector:
     return x, y, z
 
 
-@njit
+@njit(forceinline=True)
 def ball_jacobian(rod: Rod, motion: Motion, finger: int, ball: int, sign: float, arm: Vector, jacobian: Array) -> None:
     """Write sign d(position, turning)/dq of the material at ``arm`` from a ball's centre.
 

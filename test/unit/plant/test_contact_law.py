@@ -7,7 +7,17 @@ from mbpam_ros.actuator.kinematics import centreline
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.contact import contact_force, contact_slope, contact_table
 from mbpam_ros.plant.contact_config import ContactConfig
-from mbpam_ros.plant.contact_search import BALLS, Surroundings, contact_limit
+from mbpam_ros.plant.contact_search import (
+    BALLS,
+    FINGER_OBJECT,
+    FINGER_SUPPORT,
+    OBJECT_SUPPORT,
+    Surroundings,
+    _object_columns,
+    contact_limit,
+)
+from mbpam_ros.plant.contact_solver import _hessian, _push, _relative, _residual, scratch
+from mbpam_ros.plant.finger_contact import FINGER_FINGER
 from mbpam_ros.plant.multibody import State, System, advance, assemble, bind
 from mbpam_ros.plant.rod import build_rod
 from mbpam_ros.plant.shapes import BOX, CYLINDER, SPHERE, signed_distance
@@ -138,6 +148,31 @@ def test_slope_is_the_derivative_of_the_force_and_symmetric_and_positive(velocit
         np.testing.assert_allclose(whole[:, j], expected, rtol=1e-4, atol=1e-4 * np.abs(whole).max())
     np.testing.assert_allclose(whole, whole.T, atol=1e-12)
     assert np.linalg.eigvalsh(whole).min() > -1e-9
+
+
+@pytest.mark.parametrize("kind", [FINGER_OBJECT, OBJECT_SUPPORT, FINGER_SUPPORT, FINGER_FINGER])
+def test_the_solutions_derivative_is_that_of_its_equations(kind):
+    random, coordinates, size = np.random.default_rng(kind), 4, 22
+    table, laws = contact_table(1, coordinates), np.array([CONFIG.law()] * 5)
+    table.count[0], table.kind[0], table.depth[0], table.share[0] = 1, kind, 2e-4, 0.5
+    table.finger[0], table.other[0] = (-1 if kind == OBJECT_SUPPORT else 1), (3 if kind == FINGER_FINGER else -1)
+    table.normal[0], table.jacobian[0] = NORMAL, 0.05 * random.standard_normal(table.jacobian[0].shape)
+    if kind in (FINGER_OBJECT, OBJECT_SUPPORT):
+        _object_columns.py_func(0.01, -0.02, 0.03, coordinates, table.jacobian[0].T)
+    room, zero, v = scratch(size, coordinates, 4), np.zeros((size, size)), 1e-4 * random.standard_normal(size)
+    room.first[:] = 0
+
+    def residual(velocity):
+        _relative.py_func(table, velocity, table.velocity)
+        _push.py_func(STEP_S, laws, table, 0.0, room.trial)
+        _residual.py_func(np.zeros(size), STEP_S, table, room.residual)
+        return room.residual.copy()
+
+    sought = np.column_stack([(residual(v + d) - residual(v - d)) / 2e-8 for d in 1e-8 * np.eye(size)])
+    residual(v)
+    _hessian.py_func(zero, STEP_S, laws, table, room)
+    np.testing.assert_allclose(np.tril(room.hessian), np.tril(sought), atol=1e-5 * np.abs(sought).max())
+    assert np.abs(sought).max() > 0.0
 
 
 def test_negative_friction_is_refused():

@@ -285,3 +285,31 @@ def test_a_grasp_with_any_step_mass_and_contact_stiffness_ends_finite_or_in_a_ty
     state = rod.state()
     for value in (state.bend_rad, state.centreline_m, state.finger_force_n, state.body.position_m):
         assert np.isfinite(value).all()
+
+
+@pytest.mark.parametrize("body", [None, BULB], ids=["free", "with the bulb"])
+def test_a_span_cut_into_calls_ends_as_it_does_in_one_to_rounding(body):
+    push, step_s, ends = actuation(0.03 * INWARD), 2e-3, []
+    for calls in (1, 5, 150):
+        rod = tier(3, step_s, body=body, planes=NO_PLANES if body is None else TABLE)
+        for _ in range(calls):
+            rod.step(push, push, np.zeros(150 // calls + 1), np.zeros(150 // calls + 1))
+            rod.state()  # to look on changes nothing
+        ends.append(rod.state())
+    for seen in ends[1:]:
+        np.testing.assert_allclose(seen.centreline_m, ends[0].centreline_m, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(seen.finger_force_n, ends[0].finger_force_n, rtol=0.0, atol=1e-12)
+    assert body is None or np.abs(ends[0].finger_force_n).max() > 0.01
+
+
+@pytest.mark.parametrize("config", [CONFIG, UNDAMPED], ids=["damped", "undamped"])
+def test_what_bends_the_muscles_is_that_of_each_call(config):
+    weak, strong, ends = actuation(0.01 * INWARD), actuation(0.03 * INWARD), []
+    for copied in (False, True):
+        rod = tier(2, 2e-3, config=config)
+        for before, after in ((weak, weak), (weak, strong), (strong, weak), (strong, strong), (strong, strong)):
+            if copied:
+                before, after = (actuation(one.moment_n_m) for one in (before, after))
+            rod.step(before, after, np.zeros(6), np.zeros(6))
+        ends.append(tips(rod))
+    assert np.array_equal(*ends)
