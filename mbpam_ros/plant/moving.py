@@ -125,11 +125,8 @@ class RodTier(Tier):
     def step(  # noqa: D102
         self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array
     ) -> None:
-        moments, stiffnesses = self._parts.drive
-        if before is not self._before:  # to write what is there already would take as long as a sub-step
-            moments[0], stiffnesses[0], self._before = before.moment_n_m, before.stiffness_n_m2, before
-        if after is not self._after:
-            moments[1], stiffnesses[1], self._after = after.moment_n_m, after.stiffness_n_m2, after
+        if before is not self._before or after is not self._after:  # to write what is there takes half a sub-step
+            self._drive(before, after)
         memory = self._memory.copy()
         answer, self.iterations = self._advance(hand_height_m, hand_velocity_m_s)
         self._shown = False
@@ -145,6 +142,12 @@ class RodTier(Tier):
             raise PlantDivergedError(
                 f"tier {self.name!r} at a sub-step of {self._setup.sub_step_s:g} s: {_REASONS[answer]}. {remedy}"
             )
+
+    def _drive(self, before: Actuation, after: Actuation) -> None:
+        moments, stiffnesses = self._parts.drive
+        moments[0], moments[1] = before.moment_n_m, after.moment_n_m
+        stiffnesses[0], stiffnesses[1] = before.stiffness_n_m2, after.stiffness_n_m2
+        self._before, self._after = before, after
 
     @property
     def modes(self) -> int:

@@ -13,6 +13,9 @@ from mbpam_ros.study.peers.problem import Array, TipErrors, sample_tips, tip_err
 TIMED_S, SEARCHED_S = 3.0, 0.6
 """Simulated time that the rivals are timed over, and that each setting of the search is."""
 
+SEARCHED_RUNS = 3
+"""Of these the least counts in the search: a run of ours takes a tenth of a millisecond, and what disturbs it more."""
+
 
 class AccuracyError(RuntimeError):
     """No setting that was tried is accurate enough."""
@@ -66,7 +69,7 @@ def try_settings(
     for setting in settings:
         simulation = build(**setting)
         errors = tip_errors(sample_tips(simulation.advance, simulation.tips_m), reference_m, length_m)
-        cost = cpu_ms_per_s(simulation, simulation.advance, SEARCHED_S)
+        cost = min(cpu_ms_per_s(simulation, simulation.advance, SEARCHED_S) for _ in range(SEARCHED_RUNS))
         tried.append(Tried(setting, errors, cost, simulation))
     return tried
 
