@@ -216,7 +216,7 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
     line.say(f"{name}: starting {len(NODES)} node processes")
     for node in NODES:
         hint = " (compiles its contact solver on the first run)" if node == "plant" else ""
-        wait_for(lambda node=node: f"/{node}" in operator.health, 90.0, f"waiting for {node}{hint}")
+        wait_for(lambda node=node: f"/{node}" in operator.health, 180.0, f"waiting for {node}{hint}")
     _ask(operator, SetBool, "valve_controller/enable", SetBool.Request(data=True))
     wait_for(lambda: operator.health["/grasp_arbiter"][0] == DiagnosticStatus.OK, 20.0, "waiting for readiness")
     wait_for(lambda: watcher.hears_everything, 20.0, "looking")

@@ -4,7 +4,10 @@ import json
 import subprocess
 import sys
 
+import pytest
 
+
+@pytest.mark.usefixtures("compiled_plant")
 def test_the_demo_grasps_lifts_and_releases_the_tube(tmp_path):
     report, file = tmp_path / "report", tmp_path / "tube.json"
     command = [sys.executable, "-m", "mbpam_ros.nodes.demo", "--objects", "tube"]

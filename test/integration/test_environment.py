@@ -83,6 +83,7 @@ def test_what_the_user_exported_wins(exported, variables, range_, profile_):
     assert profile() == profile_
 
 
+@pytest.mark.usefixtures("compiled_plant")
 def test_nodes_bind_to_loopback_alone_and_peers_with_the_middlewares_own_settings_reach_them(domain, log_directory):
     environment = {"ROS_DOMAIN_ID": str(domain)}
     with NodeProcesses(log_directory, None, (), ("plant", "pressure_sensor"), environment) as processes:
