@@ -36,8 +36,11 @@ NEWEST = qos_profile_sensor_data
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For a state that a late subscriber must see."""
 
-SPIN_TIMEOUT_S = 0.1
-"""How often a node looks whether it has to end."""
+LOOK_PERIOD_S = 0.1
+"""How often a process looks whether it has to end."""
+
+SPIN_TIMEOUT_S = 1.0
+"""How often a spin returns. One without a time-out never runs Python's signal handlers in this executor."""
 
 TEAR_DOWN_TIMEOUT_S = 5.0
 """Leaving the graph takes milliseconds. When peers leave at the same moment, Fast DDS 3.2 may wait for one of its own
@@ -209,14 +212,20 @@ def _live(
         # A full collection walks all modules that were loaded: 90 ms, in which valves time out. These stay anyway.
         gc.collect()
         gc.freeze()
-        # A spin without a time-out ignores signals in this executor; one spin for each callback costs a tenth more.
-        never = Future()
-        while not stop_requested():
-            executor.spin_until_future_complete(never, timeout_sec=SPIN_TIMEOUT_S)
-            failure = next((node.failure for node in nodes if node.failure), None)
-            if failure is not None:
-                print(f"error: {failure}", file=sys.stderr)
-                return 1
+        ended = Future()
+
+        def look() -> None:
+            if not ended.done() and (stop_requested() or any(node.failure for node in nodes)):
+                ended.set_result(None)
+
+        nodes[0].create_timer(LOOK_PERIOD_S, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        # A timer looks, because a spin does not return at its time-out while callbacks wait, as in lock step.
+        while not ended.done():
+            executor.spin_until_future_complete(ended, timeout_sec=SPIN_TIMEOUT_S)
+        failure = next((node.failure for node in nodes if node.failure), None)
+        if failure is not None:
+            print(f"error: {failure}", file=sys.stderr)
+            return 1
         return 0
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -142,12 +142,18 @@ def start(domain: int, log_directory: Path) -> Iterator[Callable[..., Gripper]]:
             environment = {"ROS_DOMAIN_ID": str(domain)}
             logs = log_directory / (namespace.strip("/") or "gripper")
             processes = stack.enter_context(NodeProcesses(logs, arguments, rules, executables, environment))
+            stack.callback(assert_that_each_ends_when_told, processes)
             gripper = Gripper(processes, namespace, domain)
             stack.callback(gripper.operator.close)
             gripper.operator.wait_for_nodes(executables if nodes is None else nodes, START_S)
             return gripper
 
         yield start_gripper
+
+
+def assert_that_each_ends_when_told(processes: NodeProcesses) -> None:
+    codes = processes.stop()
+    assert set(codes.values()) <= {0}, codes
 
 
 def run_to_its_end(executable: str, *arguments: str) -> subprocess.CompletedProcess[str]:
