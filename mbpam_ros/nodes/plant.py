@@ -22,7 +22,7 @@ from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.log_forwarding import forward_logs
 from mbpam_ros.nodes.markers import WORLD_FRAME, colour, finger_markers, solid_marker
-from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, time_stamp
+from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, time_stamp
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.plant_camera import PlantCamera
 from mbpam_ros.plant.lift import LiftAnswer
@@ -69,11 +69,12 @@ class PlantNode(GripperNode):
         self._scene = self._load_scene()
         self._plant = self._build_plant()
         self._dt_s = 1.0 / self.value("rate_hz")
+        self._command_timeout_s = self.value("command_timeout_s")
         self._spool = np.zeros(CHANNEL_COUNT)
         self._commanded_at_s = -np.inf
         self._before_reset_s = 0.0
         self._ticks = 0
-        self._stamp = self.get_clock().now().to_msg()
+        self._stamp = time_stamp(self.now_s())
         self._rate_since = (time.monotonic(), 0)
         self._real_time_factor = 1.0
 
@@ -81,6 +82,7 @@ class PlantNode(GripperNode):
         self._camera_every = max(1, round(self.value("rate_hz") / max(self.value("camera_rate_hz"), 1e-3)))
         self._markers_every = max(1, round(self.value("rate_hz") / self.value("marker_rate_hz")))
         self._transducers = self.create_publisher(JointState, "transducers", STREAM)
+        self._volts = JointStateForm(CHANNEL_NAMES)
         self._markers = self.create_publisher(MarkerArray, "plant/finger_markers", STREAM)
         self._clock_topic = self.create_publisher(Clock, "/clock", STREAM) if self.value("publish_clock") else None
         self.create_subscription(JointState, "valve_commands", self._on_valve_commands, NEWEST)
@@ -160,7 +162,7 @@ class PlantNode(GripperNode):
     def _tick(self) -> None:
         if self.failure is not None:
             return
-        if self._time_s() - self._commanded_at_s > self.value("command_timeout_s"):
+        if self._time_s() - self._commanded_at_s > self._command_timeout_s:
             self._spool = np.zeros(CHANNEL_COUNT)
         try:
             self._plant.step(self._spool, self._dt_s)
@@ -172,7 +174,7 @@ class PlantNode(GripperNode):
 
     def _publish_tick(self) -> None:
         if self._clock_topic is None:
-            self._stamp = self.get_clock().now().to_msg()
+            self._stamp = time_stamp(self.now_s())
         else:
             self._stamp = time_stamp(self._time_s())
             self._clock_topic.publish(Clock(clock=self._stamp))
@@ -182,7 +184,7 @@ class PlantNode(GripperNode):
             self._camera.publish_finished(wait=self._lock_step)
         if self._ticks % self._markers_every == 0 and self._markers.get_subscription_count() > 0:
             self._publish_markers(self._plant.observe())
-        self._transducers.publish(joint_state(self._stamp, CHANNEL_NAMES, effort=self._plant.transducer_v))
+        self._transducers.publish(self._volts.filled(self._stamp, effort=self._plant.transducer_v))
 
     def _time_s(self) -> float:
         """Simulated time [s]; a reset of the scene does not set it back."""

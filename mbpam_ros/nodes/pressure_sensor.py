@@ -10,7 +10,7 @@ from sensor_msgs.msg import FluidPressure, JointState
 from std_srvs.srv import Trigger
 
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_NAMES, FINGER_COUNT
-from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, seconds, time_stamp
+from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds, time_stamp
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.stamps import StampClock
 from mbpam_ros.pneumatics.config import load_pneumatics
@@ -41,6 +41,7 @@ class PressureSensorNode(GripperNode):
         self._reading: PressureReading | None = None
 
         self._states = self.create_publisher(JointState, "chamber_states", STREAM)
+        self._pressures = JointStateForm(CHANNEL_NAMES)
         self._fluid = [self.create_publisher(FluidPressure, topic, STREAM) for topic in _fluid_topics()]
         self.create_subscription(JointState, "transducers", self._on_transducers, NEWEST)
         self.create_service(Trigger, "pressure_sensor/zero", self._on_zero)
@@ -68,7 +69,7 @@ class PressureSensorNode(GripperNode):
         except (MessageError, SensingInputError) as error:
             self.refuse("transducers", error)
             return
-        self._states.publish(joint_state(message.header.stamp, CHANNEL_NAMES, effort=self._reading.pressure_gauge_pa))
+        self._states.publish(self._pressures.filled(message.header.stamp, effort=self._reading.pressure_gauge_pa))
         self.publish_health_change(self._reading.status)
 
     def _on_silence(self) -> None:
@@ -77,7 +78,7 @@ class PressureSensorNode(GripperNode):
             return
         self._reading = self._sensing.check(self._clock_of_samples.time(self.now_s()))
         stamp = time_stamp(self._reading.time_s)
-        self._states.publish(joint_state(stamp, CHANNEL_NAMES, effort=self._reading.pressure_gauge_pa))
+        self._states.publish(self._pressures.filled(stamp, effort=self._reading.pressure_gauge_pa))
         self.publish_health_change(self._reading.status)
 
     def _publish_fluid_pressures(self) -> None:

@@ -21,7 +21,7 @@ from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.estimation.estimator import BendEstimator, EstimatorConfig, GripperEstimate
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.markers import BASE_FRAME, finger_markers
-from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, pose, seconds
+from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, pose, seconds
 from mbpam_ros.nodes.parameters import Parameter
 
 PARAMETERS = (
@@ -58,6 +58,7 @@ class StateEstimatorNode(GripperNode):
         self._tips = self.create_publisher(PoseArray, "finger_tips", STREAM)
         self._forces = self.create_publisher(JointState, "finger_forces", STREAM)
         self._markers = self.create_publisher(MarkerArray, "finger_markers", STREAM)
+        self._bends, self._tip_forces = JointStateForm(BEND_NAMES), JointStateForm(FINGER_NAMES)
         self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
         self.create_timer(1.0 / self.value("marker_rate_hz"), self._publish_markers)
 
@@ -100,12 +101,11 @@ class StateEstimatorNode(GripperNode):
             bend, rate, moment = (
                 field.reshape(-1) for field in (estimate.bend_rad, estimate.bend_rate_rad_s, estimate.moment_n_m)
             )
-            self._joints.publish(joint_state(stamp, BEND_NAMES, position=bend, velocity=rate, effort=moment))
+            self._joints.publish(self._bends.filled(stamp, position=bend, velocity=rate, effort=moment))
         if self._forces.get_subscription_count() > 0:
             self._forces.publish(
-                joint_state(
+                self._tip_forces.filled(
                     stamp,
-                    FINGER_NAMES,
                     position=self._bend_sigma_rad(),
                     effort=self._estimator.tip_force_n(estimate.moment_n_m),
                 )

@@ -13,7 +13,7 @@ from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.arbitration import Air
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, seconds, time_stamp
+from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds, time_stamp
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.stamps import StampClock
 from mbpam_ros.pneumatics.config import load_pneumatics
@@ -47,6 +47,7 @@ class ValveControllerNode(GripperNode):
         self._has_setpoints = False
 
         self._commands = self.create_publisher(JointState, "valve_commands", STREAM)
+        self._openings = JointStateForm(CHANNEL_NAMES)
         self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
         self.create_subscription(JointState, "pressure_setpoints", self._on_setpoints, STREAM)
         self.create_subscription(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
@@ -73,7 +74,7 @@ class ValveControllerNode(GripperNode):
         """Close the valves (or vent, where all vents): nobody will move them afterwards."""
         opening = -1.0 if self._air is Air.VENT else 0.0
         now = self.get_clock().now().to_msg()
-        self._commands.publish(joint_state(now, CHANNEL_NAMES, position=[opening] * len(CHANNEL_NAMES)))
+        self._commands.publish(self._openings.filled(now, position=[opening] * len(CHANNEL_NAMES)))
 
     def _on_setpoints(self, message: JointState) -> None:
         try:
@@ -93,7 +94,7 @@ class ValveControllerNode(GripperNode):
         except (MessageError, ControllerInputError) as error:
             self.refuse("chamber_states", error)
             return
-        self._commands.publish(joint_state(message.header.stamp, CHANNEL_NAMES, position=spool))
+        self._commands.publish(self._openings.filled(message.header.stamp, position=spool))
         self.publish_health_change((self._controller.faults, self._air, self._switched_on))
 
     def _on_silence(self) -> None:
@@ -103,7 +104,7 @@ class ValveControllerNode(GripperNode):
             return
         time_s = self._clock_of_pressures.time(now_s)
         spool = self._controller.check(time_s)
-        self._commands.publish(joint_state(time_stamp(time_s), CHANNEL_NAMES, position=spool))
+        self._commands.publish(self._openings.filled(time_stamp(time_s), position=spool))
         self.publish_health_change((self._controller.faults, self._air, self._switched_on))
 
     def _on_grasp_state(self, state: DiagnosticStatus) -> None:

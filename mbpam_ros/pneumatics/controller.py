@@ -28,7 +28,6 @@ from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.configuration import require_positive
 
 Vector = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 VACUUM_GAUGE_PA = -101325.0
 """No gauge pressure lies below; a reading that does is no reading."""
@@ -124,6 +123,128 @@ class ControllerConfig:
                 raise ValueError(f"{lower} must not exceed {upper}")
 
 
+class _PressureLoop:
+    """One channel: chamber, valve and what stands between its set-point and the opening."""
+
+    __slots__ = (
+        "_close_pa",
+        "_config",
+        "_delayed_pa",
+        "_integral_pa_s",
+        "_over",
+        "_reopen_pa",
+        "_resting",
+        "_trip_pa",
+        "_valid_at_s",
+        "fault",
+        "reference_pa",
+        "restart",
+        "spool",
+        "target_pa",
+    )
+
+    def __init__(self, config: ControllerConfig, over_pressure_gauge_pa: float) -> None:
+        self._config, self._trip_pa = config, over_pressure_gauge_pa
+        self.spool = self.reference_pa = self._delayed_pa = self._integral_pa_s = 0.0
+        self._resting = self._over = False
+        self.fault = ValveFault.NONE
+        self.begin_anew(0.0)
+        self.aim(0.0)
+
+    def aim(self, target_pa: float) -> None:
+        """Take a set-point, and with it the errors within which the valve closes and, closed, stays so."""
+        config = self._config
+        self.target_pa = target_pa
+        if target_pa == 0.0:
+            self._close_pa, self._reopen_pa = config.vent_close_gauge_pa, config.vent_open_gauge_pa
+        else:
+            self._close_pa = max(config.close_band_pa, config.close_band_ratio * target_pa)
+            self._reopen_pa = max(config.open_band_pa, config.open_band_ratio * target_pa)
+
+    def begin_anew(self, time_s: float) -> None:
+        """Go on from the next valid pressure as if the last one had come now."""
+        self._valid_at_s, self.restart = time_s, True
+
+    def update(self, time_s: float, pressure_pa: float, enabled: bool) -> None:
+        """Take a reading, valid or not, and move the opening if the loop is enabled."""
+        valid = VACUUM_GAUGE_PA <= pressure_pa < math.inf
+        age_s = time_s - self._valid_at_s
+        if valid:
+            release_pa = self._trip_pa - self._config.over_pressure_release_pa
+            self._over = pressure_pa > (release_pa if self._over else self._trip_pa)
+        self.watch(time_s, valid)
+        if not (enabled and valid) or self._over:
+            return
+        if self.restart:
+            self.reference_pa = self._delayed_pa = pressure_pa
+            self._integral_pa_s, self._resting, self.restart = 0.0, False, False
+            self.spool = self._control(pressure_pa, 0.0)
+        elif age_s > 0.0:
+            self.spool = self._control(pressure_pa, min(age_s, self._config.hold_time_s))
+
+    def watch(self, time_s: float, valid: bool) -> None:
+        """Find the fault; after one the loop starts anew."""
+        too_old = time_s - self._valid_at_s > self._config.watchdog_s
+        if too_old or self._over:
+            self.restart = True
+        if valid:
+            self._valid_at_s = time_s
+        if self._over:
+            self.fault = ValveFault.OVER_PRESSURE
+        else:
+            self.fault = ValveFault.NO_PRESSURE if too_old and not valid else ValveFault.NONE
+
+    def guard(self, time_s: float, enabled: bool, vented: bool) -> float:
+        """Return, and remember, what the fault and the switches leave of the opening."""
+        if self._over or vented:
+            self.spool = -1.0
+        elif not enabled or self.restart or time_s - self._valid_at_s > self._config.hold_time_s:
+            self.spool = 0.0
+        return self.spool
+
+    def _control(self, pressure_pa: float, dt_s: float) -> float:
+        config = self._config
+        feed_forward = self._move_reference(dt_s)
+        lag = -math.expm1(-dt_s / config.loop_delay_s)
+        self._delayed_pa += lag * (self.reference_pa - self._delayed_pa)
+
+        error = self._delayed_pa - pressure_pa
+        wanted_rate = feed_forward + config.proportional_gain_1_s * error + self._integral_pa_s
+        drop = config.supply_gauge_pa - pressure_pa if wanted_rate > 0.0 else pressure_pa
+        opening = wanted_rate * config.fill_time_constant_s / max(drop, config.least_drop_pa)
+
+        arrived = abs(self.target_pa - self.reference_pa) < config.close_band_pa
+        self._resting = arrived and self._is_near(pressure_pa)
+        if self._resting:
+            return 0.0
+        if arrived and (abs(opening) < 1.0 or error * opening < 0.0):
+            learnt, limit = self._integral_pa_s + config.integral_gain_1_s2 * dt_s * error, config.integral_limit_pa_s
+            self._integral_pa_s = min(max(learnt, -limit), limit)
+        if arrived and self.target_pa == 0.0:
+            return -1.0
+        return min(max(opening, -1.0), 1.0)
+
+    def _move_reference(self, dt_s: float) -> float:
+        """Move the reference for ``dt_s`` and return its mean rate [Pa/s]: at the limit, then exponential."""
+        gap = self.target_pa - self.reference_pa
+        if gap == 0.0:
+            return 0.0
+        config = self._config
+        distance = abs(gap)
+        at_limit_s = distance / config.rate_limit_pa_s - config.approach_time_s
+        at_limit_s = min(max(at_limit_s, 0.0), dt_s)
+        left = (distance - config.rate_limit_pa_s * at_limit_s) * math.exp((at_limit_s - dt_s) / config.approach_time_s)
+        if left < 0.1 * config.close_band_pa:
+            left = 0.0
+        self.reference_pa = self.target_pa - math.copysign(left, gap)
+        return math.copysign(distance - left, gap) / max(dt_s, 1e-6)
+
+    def _is_near(self, pressure_pa: float) -> bool:
+        """Whether the valve may close, or stay closed."""
+        error = pressure_pa if self.target_pa == 0.0 else abs(self.target_pa - pressure_pa)
+        return error < (self._reopen_pa if self._resting else self._close_pa)
+
+
 class PressureController:
     """Follows set-points with sixteen valves; starts disabled, all set-points at ambient.
 
@@ -147,26 +268,16 @@ class PressureController:
                 f"pressure limit {pressure_limit_gauge_pa:g} Pa must lie above the least set-point "
                 f"{config.minimum_setpoint_gauge_pa:g} Pa and not above the supply {config.supply_gauge_pa:g} Pa"
             )
-        self._config = config
         if not over_pressure_gauge_pa > pressure_limit_gauge_pa:
             raise ValueError(
                 f"over-pressure {over_pressure_gauge_pa:g} Pa must lie above the pressure limit "
                 f"{pressure_limit_gauge_pa:g} Pa"
             )
-        self._limit, self._trip = float(pressure_limit_gauge_pa), float(over_pressure_gauge_pa)
+        self._config, self._limit = config, float(pressure_limit_gauge_pa)
+        self._loops = [_PressureLoop(config, float(over_pressure_gauge_pa)) for _ in range(CHANNEL_COUNT)]
         self._enabled = False
         self._vented = False
-        self._target = np.zeros(CHANNEL_COUNT)
         self._time = -math.inf
-        self._spool = np.zeros(CHANNEL_COUNT)
-        self._reference = np.zeros(CHANNEL_COUNT)
-        self._delayed_reference = np.zeros(CHANNEL_COUNT)
-        self._integral = np.zeros(CHANNEL_COUNT)
-        self._resting = np.zeros(CHANNEL_COUNT, dtype=bool)
-        self._restart = np.ones(CHANNEL_COUNT, dtype=bool)
-        self._over = np.zeros(CHANNEL_COUNT, dtype=bool)
-        self._stale = np.zeros(CHANNEL_COUNT, dtype=bool)
-        self._valid_at = np.zeros(CHANNEL_COUNT)
 
     @property
     def enabled(self) -> bool:
@@ -181,20 +292,17 @@ class PressureController:
     @property
     def setpoint(self) -> Vector:
         """Set-points last accepted, shape (16,) [Pa gauge]."""
-        return self._target.copy()
+        return np.array([loop.target_pa for loop in self._loops])
 
     @property
     def reference_gauge_pa(self) -> Vector:
         """Where the rate-limited references stand, shape (16,) [Pa gauge]."""
-        return self._reference.copy()
+        return np.array([loop.reference_pa for loop in self._loops])
 
     @property
     def faults(self) -> tuple[ValveFault, ...]:
         """Fault of every channel."""
-        return tuple(
-            ValveFault.OVER_PRESSURE if over else ValveFault.NO_PRESSURE if stale else ValveFault.NONE
-            for over, stale in zip(self._over.tolist(), self._stale.tolist(), strict=True)
-        )
+        return tuple([loop.fault for loop in self._loops])
 
     def request(self, setpoint_gauge_pa: ArrayLike) -> None:
         """Take new set-points, shape (16,) [Pa gauge]. Disabled, they wait until enabled.
@@ -219,7 +327,8 @@ class PressureController:
                 f"set-point of {CHANNEL_NAMES[channel]} is {setpoint[channel]:g} Pa gauge while all chambers are "
                 "vented by a stop; enable first"
             )
-        self._target = setpoint
+        for loop, target_pa in zip(self._loops, setpoint.tolist(), strict=True):
+            loop.aim(target_pa)
 
     def enable(self, on: bool) -> None:
         """Follow the set-points from the pressures as they are (no jump), or close all valves.
@@ -228,14 +337,17 @@ class PressureController:
         """
         if on:
             self._vented = False
-        self._restart |= on != self._enabled
-        self._enabled = on
+        if on != self._enabled:
+            self._enabled = on
+            for loop in self._loops:
+                loop.restart = True
 
     def vent_all(self) -> None:
         """Stop: set-points to 0 and every valve open to ambient, measured pressures or not, until enabled."""
         self._vented = True
         self._enabled = False
-        self._target = np.zeros(CHANNEL_COUNT)
+        for loop in self._loops:
+            loop.aim(0.0)
 
     def update(self, time_s: float, pressure_gauge_pa: ArrayLike) -> Vector:
         """Return the spool openings, shape (16,) in [-1, 1], for the measured pressures, shape (16,) [Pa gauge].
@@ -250,17 +362,8 @@ class PressureController:
         if pressure.shape != (CHANNEL_COUNT,):
             raise ControllerInputError(f"pressures must have shape ({CHANNEL_COUNT},), found {pressure.shape}")
         self._advance(time_s)
-        valid = np.isfinite(pressure) & (pressure >= VACUUM_GAUGE_PA)
-        age_s = self._time - self._valid_at
-        self._watch(valid, pressure)
-        if self._enabled:
-            begins = valid & ~self._over & self._restart
-            fresh = begins | (valid & ~self._over & (age_s > 0.0))
-            self._begin_where(begins, pressure)
-            # A channel without a new sample moves nothing: no time passes for it and it has no error.
-            dt_s = np.where(fresh & ~begins, np.minimum(age_s, self._config.hold_time_s), 0.0)
-            pressure = np.where(fresh, pressure, self._delayed_reference)
-            self._spool = np.where(fresh, self._control(pressure, dt_s), self._spool)
+        for loop, pressure_pa in zip(self._loops, pressure.tolist(), strict=True):
+            loop.update(time_s, pressure_pa, self._enabled)
         return self._guarded()
 
     def check(self, time_s: float) -> Vector:
@@ -270,85 +373,17 @@ class PressureController:
             ControllerInputError: a time that is not finite.
         """
         self._advance(time_s)
-        self._watch(np.zeros(CHANNEL_COUNT, dtype=bool), self._reference)
+        for loop in self._loops:
+            loop.watch(time_s, valid=False)
         return self._guarded()
 
     def _advance(self, time_s: float) -> None:
         if not math.isfinite(time_s):
             raise ControllerInputError(f"time must be finite, found {time_s}")
         if time_s < self._time or self._time == -math.inf:
-            self._valid_at[:] = time_s
-            self._restart[:] = True
+            for loop in self._loops:
+                loop.begin_anew(time_s)
         self._time = time_s
 
-    def _watch(self, valid: Mask, pressure: Vector) -> None:
-        """Update the faults; a channel that has one starts anew when it ends."""
-        release = self._trip - self._config.over_pressure_release_pa
-        self._over = np.where(valid, (pressure > self._trip) | (self._over & (pressure > release)), self._over)
-        too_old = self._time - self._valid_at > self._config.watchdog_s
-        self._stale = too_old & ~valid
-        self._restart |= self._over | too_old
-        self._valid_at = np.where(valid, self._time, self._valid_at)
-
-    def _begin_where(self, chosen: Mask, pressure: Vector) -> None:
-        if not chosen.any():
-            return
-        self._reference = np.where(chosen, pressure, self._reference)
-        self._delayed_reference = np.where(chosen, pressure, self._delayed_reference)
-        self._integral = np.where(chosen, 0.0, self._integral)
-        self._resting &= ~chosen
-        self._restart &= ~chosen
-
-    def _control(self, pressure: Vector, dt_s: Vector) -> Vector:
-        config = self._config
-        feed_forward = self._move_reference(dt_s)
-        lag = -np.expm1(-dt_s / config.loop_delay_s)
-        self._delayed_reference = self._delayed_reference + lag * (self._reference - self._delayed_reference)
-
-        error = self._delayed_reference - pressure
-        wanted_rate = feed_forward + config.proportional_gain_1_s * error + self._integral
-        drop = np.where(wanted_rate > 0.0, config.supply_gauge_pa - pressure, pressure)
-        opening = wanted_rate * config.fill_time_constant_s / np.maximum(drop, config.least_drop_pa)
-
-        arrived = np.abs(self._target - self._reference) < config.close_band_pa
-        resting = self._rest(pressure, arrived)
-        free = arrived & ~resting & ((np.abs(opening) < 1.0) | (error * opening < 0.0))
-        integral = self._integral + np.where(free, config.integral_gain_1_s2 * dt_s * error, 0.0)
-        self._integral = np.minimum(np.maximum(integral, -config.integral_limit_pa_s), config.integral_limit_pa_s)
-        opening = np.minimum(np.maximum(opening, -1.0), 1.0)
-        return np.where(resting, 0.0, np.where(arrived & (self._target == 0.0), -1.0, opening))
-
-    def _move_reference(self, dt_s: Vector) -> Vector:
-        """Move the reference for ``dt_s`` and return its mean rate [Pa/s]: at the limit, then exponential."""
-        config = self._config
-        gap = self._target - self._reference
-        distance = np.abs(gap)
-        at_limit_s = distance / config.rate_limit_pa_s - config.approach_time_s
-        at_limit_s = np.minimum(np.maximum(at_limit_s, 0.0), dt_s)
-        left = (distance - config.rate_limit_pa_s * at_limit_s) * np.exp((at_limit_s - dt_s) / config.approach_time_s)
-        left = np.where(left < 0.1 * config.close_band_pa, 0.0, left)
-        self._reference = self._target - np.copysign(left, gap)
-        return np.copysign(distance - left, gap) / np.maximum(dt_s, 1e-6)
-
-    def _rest(self, pressure: Vector, arrived: Mask) -> Mask:
-        """Return which valves may stay closed, now that the reference has arrived and the pressure is near."""
-        config = self._config
-        empty = self._target == 0.0
-        error = np.where(empty, pressure, np.abs(self._target - pressure))
-        close = np.maximum(config.close_band_pa, config.close_band_ratio * self._target)
-        reopen = np.maximum(config.open_band_pa, config.open_band_ratio * self._target)
-        close = np.where(empty, config.vent_close_gauge_pa, close)
-        reopen = np.where(empty, config.vent_open_gauge_pa, reopen)
-        self._resting = arrived & (error < np.where(self._resting, reopen, close))
-        return self._resting
-
     def _guarded(self) -> Vector:
-        """Return what the faults and the switches leave of the openings, and remember it."""
-        held = self._time - self._valid_at <= self._config.hold_time_s
-        self._spool = np.where(held & ~self._restart, self._spool, 0.0)
-        if not self._enabled:
-            self._spool = np.zeros(CHANNEL_COUNT)
-        if self._vented:
-            self._spool = np.full(CHANNEL_COUNT, -1.0)
-        self._spool = np.where(self._over, -1.0, self._spool)
-        return self._spool.copy()
+        return np.array([loop.guard(self._time, self._enabled, self._vented) for loop in self._loops])

@@ -91,8 +91,86 @@ class PressureReading:
     status: tuple[ChannelStatus, ...]
 
 
-_STATUS = tuple(ChannelStatus)
-_OK, _OUT_OF_RANGE, _STUCK, _MISSING = range(4)
+class _Channel:
+    """One transducer: what it said last, and what is believed of it."""
+
+    __slots__ = (
+        "_changed_at_s",
+        "_config",
+        "_expected_noise_pa2",
+        "_floor_pa2",
+        "_gain_pa_v",
+        "_good_samples",
+        "_noise_pa2",
+        "_raw_v",
+        "_sampled_at_s",
+        "_zero_v",
+        "correction_pa",
+        "pressure_pa",
+        "status",
+        "variance_pa2",
+    )
+
+    def __init__(self, config: SensingConfig, transducer: TransducerConfig, index: int) -> None:
+        self._config = config
+        self._gain_pa_v = transducer.gain_pa_v * config.channel_gain[index]
+        self._zero_v = transducer.zero_v + config.channel_offset_v[index]
+        self._floor_pa2 = (self._gain_pa_v * transducer.resolution_v) ** 2 / 12.0
+        self._expected_noise_pa2 = (self._gain_pa_v * transducer.noise_v) ** 2 + self._floor_pa2
+        self.correction_pa = 0.0
+        self.forget(0.0)
+
+    def forget(self, time_s: float) -> None:
+        """Start anew at ``time_s``, keeping the zero."""
+        self.status = ChannelStatus.MISSING
+        # No fault to recover from yet: the first good sample counts.
+        self._good_samples = self._config.recovery_samples
+        self._raw_v = self.pressure_pa = self.variance_pa2 = math.nan
+        self._changed_at_s = self._sampled_at_s = time_s
+        self._noise_pa2 = self._expected_noise_pa2  # until there is experience
+
+    def update(self, time_s: float, volts: float, alpha: float, weight: float) -> None:
+        """Take a sample, NaN for none; ``alpha`` and ``weight`` are the filter's and the noise estimate's gains."""
+        seen = self._classify(time_s, volts)
+        if seen is not ChannelStatus.OK:
+            self._lose(seen)
+            return
+        self._good_samples += 1
+        if self._good_samples >= self._config.recovery_samples:
+            self.status = ChannelStatus.OK
+        if self.status is ChannelStatus.OK:
+            self._filter((volts - self._zero_v) * self._gain_pa_v - self.correction_pa, alpha, weight)
+
+    def check(self, time_s: float) -> None:
+        """Notice that samples stay out."""
+        if time_s - self._sampled_at_s > self._config.missing_time_s:
+            self._lose(ChannelStatus.MISSING)
+
+    def _lose(self, status: ChannelStatus) -> None:
+        self.status, self._good_samples = status, 0
+        self.pressure_pa = self.variance_pa2 = math.nan
+
+    def _classify(self, time_s: float, volts: float) -> ChannelStatus:
+        config = self._config
+        if volts != self._raw_v:
+            self._raw_v, self._changed_at_s = volts, time_s
+        if math.isnan(volts):
+            return ChannelStatus.MISSING
+        self._sampled_at_s = time_s
+        if not config.valid_low_v <= volts <= config.valid_high_v:
+            return ChannelStatus.OUT_OF_RANGE
+        if 0.0 < config.stuck_time_s < time_s - self._changed_at_s:
+            return ChannelStatus.STUCK
+        return ChannelStatus.OK
+
+    def _filter(self, raw_pa: float, alpha: float, weight: float) -> None:
+        if math.isnan(self.pressure_pa):
+            self.pressure_pa, self.variance_pa2 = raw_pa, self._noise_pa2
+        elif alpha > 0.0:
+            residual = raw_pa - self.pressure_pa
+            self._noise_pa2 += weight * (0.5 * (2.0 - alpha) * residual * residual - self._noise_pa2)
+            self.variance_pa2 = max(self._noise_pa2 * alpha / (2.0 - alpha), self._floor_pa2)
+            self.pressure_pa += alpha * residual
 
 
 class PressureSensing:
@@ -106,13 +184,8 @@ class PressureSensing:
 
     def __init__(self, config: SensingConfig, transducer: TransducerConfig) -> None:
         self._config = config
-        gain = transducer.gain_pa_v * np.array(config.channel_gain)
-        self._gain_pa_v = gain
-        self._zero_v = transducer.zero_v + np.array(config.channel_offset_v)
-        self._variance_floor = (gain * transducer.resolution_v) ** 2 / 12.0
-        self._expected_noise = (gain * transducer.noise_v) ** 2 + self._variance_floor  # until there is experience
-        self._zero_correction = np.zeros(CHANNEL_COUNT)
-        self._forget(0.0)
+        self._channels = [_Channel(config, transducer, index) for index in range(CHANNEL_COUNT)]
+        self._time_s = self._filtered_at_s = 0.0
 
     def update(self, time_s: float, volts: ArrayLike) -> PressureReading:
         """Take one sample of every channel, shape (16,) [V], NaN where a channel gave none.
@@ -123,18 +196,15 @@ class PressureSensing:
         Raises:
             SensingInputError: wrong shape or a time that is not finite.
         """
-        sample = np.array(volts, dtype=float)
+        sample = np.asarray(volts, dtype=float)
         if sample.shape != (CHANNEL_COUNT,):
             raise SensingInputError(f"volts must have shape ({CHANNEL_COUNT},), found {sample.shape}")
         self._advance(time_s)
-        now = self._classify(sample)
-        good = now == _OK
-        self._good_samples = np.where(good, self._good_samples + 1, 0)
-        recovered = good & (self._good_samples >= self._config.recovery_samples)
-        self._status = np.where(good, np.where(recovered, _OK, self._status), now)
-        valid = self._status == _OK
-        believed_v = np.where(valid, sample, self._zero_v)
-        self._filter((believed_v - self._zero_v) * self._gain_pa_v - self._zero_correction, valid)
+        interval_s, self._filtered_at_s = time_s - self._filtered_at_s, time_s
+        alpha = -math.expm1(-2.0 * math.pi * self._config.cutoff_hz * interval_s)
+        weight = -math.expm1(-interval_s / self._config.variance_time_s)
+        for channel, value in zip(self._channels, sample.tolist(), strict=True):
+            channel.update(time_s, value, alpha, weight)
         return self._reading()
 
     def check(self, time_s: float) -> PressureReading:
@@ -144,7 +214,8 @@ class PressureSensing:
             SensingInputError: a time that is not finite.
         """
         self._advance(time_s)
-        self._mark_missing(self._time - self._sampled_at > self._config.missing_time_s)
+        for channel in self._channels:
+            channel.check(time_s)
         return self._reading()
 
     def zero(self) -> Vector:
@@ -154,75 +225,32 @@ class PressureSensing:
             ZeroRefusedError: a channel has no valid reading, or is further than ``zero_limit_pa`` from the data sheet's
                 zero, zeroing done before included. Nothing is changed then.
         """
-        for channel in np.flatnonzero(self._status != _OK):
-            raise ZeroRefusedError(
-                f"{CHANNEL_NAMES[channel]} has no valid reading: {_STATUS[self._status[channel]].value}"
-            )
-        correction = self._zero_correction + self._pressure
-        for channel in np.flatnonzero(np.abs(correction) > self._config.zero_limit_pa):
-            raise ZeroRefusedError(
-                f"{CHANNEL_NAMES[channel]} reads {correction[channel]:.0f} Pa before correction, more than "
-                f"{self._config.zero_limit_pa:.0f} Pa from zero; vent it first"
-            )
-        self._zero_correction = correction
-        self._pressure = np.zeros(CHANNEL_COUNT)
-        return correction.copy()
+        for name, channel in zip(CHANNEL_NAMES, self._channels, strict=True):
+            if channel.status is not ChannelStatus.OK:
+                raise ZeroRefusedError(f"{name} has no valid reading: {channel.status.value}")
+        correction_pa = [channel.correction_pa + channel.pressure_pa for channel in self._channels]
+        limit_pa = self._config.zero_limit_pa
+        for name, value in zip(CHANNEL_NAMES, correction_pa, strict=True):
+            if abs(value) > limit_pa:
+                raise ZeroRefusedError(
+                    f"{name} reads {value:.0f} Pa before correction, more than {limit_pa:.0f} Pa from zero; "
+                    "vent it first"
+                )
+        for channel, value in zip(self._channels, correction_pa, strict=True):
+            channel.correction_pa, channel.pressure_pa = value, 0.0
+        return np.array(correction_pa)
 
     def _advance(self, time_s: float) -> None:
         if not math.isfinite(time_s):
             raise SensingInputError(f"time must be finite, found {time_s}")
-        if time_s < self._time:
-            self._forget(time_s)
-        self._time = time_s
-
-    def _forget(self, time_s: float) -> None:
-        self._time = time_s
-        self._status = np.full(CHANNEL_COUNT, _MISSING)
-        # No fault to recover from yet: the first good sample counts.
-        self._good_samples = np.full(CHANNEL_COUNT, self._config.recovery_samples)
-        self._raw_v = np.full(CHANNEL_COUNT, np.nan)
-        self._changed_at = np.full(CHANNEL_COUNT, time_s)
-        self._sampled_at = np.full(CHANNEL_COUNT, time_s)
-        self._filtered_at = np.full(CHANNEL_COUNT, time_s)
-        self._pressure = np.full(CHANNEL_COUNT, np.nan)
-        self._noise = self._expected_noise.copy()
-        self._variance = self._expected_noise.copy()
-
-    def _classify(self, sample_v: Vector) -> NDArray[np.intp]:
-        config = self._config
-        missing = np.isnan(sample_v)
-        self._sampled_at = np.where(missing, self._sampled_at, self._time)
-        self._changed_at = np.where(sample_v != self._raw_v, self._time, self._changed_at)
-        self._raw_v = sample_v
-        status = np.zeros(CHANNEL_COUNT, dtype=np.intp)
-        if config.stuck_time_s > 0.0:
-            status[self._time - self._changed_at > config.stuck_time_s] = _STUCK
-        status[(sample_v < config.valid_low_v) | (sample_v > config.valid_high_v)] = _OUT_OF_RANGE
-        status[missing] = _MISSING
-        return status
-
-    def _filter(self, raw_pa: Vector, valid: NDArray[np.bool_]) -> None:
-        config = self._config
-        fresh = valid & np.isnan(self._pressure)
-        interval = self._time - self._filtered_at
-        alpha = -np.expm1(-2.0 * math.pi * config.cutoff_hz * interval)
-        residual = np.where(valid & ~fresh, raw_pa - self._pressure, 0.0)
-        weight = -np.expm1(-interval / config.variance_time_s)
-        noise = self._noise + weight * (0.5 * (2.0 - alpha) * residual**2 - self._noise)
-        variance = np.maximum(noise * alpha / (2.0 - alpha), self._variance_floor)
-
-        moved = valid & ~fresh & (interval > 0.0)
-        self._variance = np.where(moved, variance, np.where(fresh, self._noise, self._variance))
-        self._noise = np.where(moved, noise, self._noise)
-        self._pressure = np.where(valid, np.where(fresh, raw_pa, self._pressure + alpha * residual), np.nan)
-        self._filtered_at = np.full(CHANNEL_COUNT, self._time)
-
-    def _mark_missing(self, missing: NDArray[np.bool_]) -> None:
-        self._status = np.where(missing, _MISSING, self._status)
-        self._good_samples = np.where(missing, 0, self._good_samples)
-        self._pressure = np.where(missing, np.nan, self._pressure)
+        if time_s < self._time_s:
+            self._filtered_at_s = time_s
+            for channel in self._channels:
+                channel.forget(time_s)
+        self._time_s = time_s
 
     def _reading(self) -> PressureReading:
-        variance = np.where(np.isnan(self._pressure), np.nan, self._variance)
-        status = tuple(_STATUS[code] for code in self._status.tolist())
-        return PressureReading(self._time, self._pressure.copy(), variance, status)
+        pressure_pa = np.array([channel.pressure_pa for channel in self._channels])
+        variance_pa2 = np.array([channel.variance_pa2 for channel in self._channels])
+        status = tuple([channel.status for channel in self._channels])
+        return PressureReading(self._time_s, pressure_pa, variance_pa2, status)

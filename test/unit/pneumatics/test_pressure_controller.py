@@ -214,6 +214,14 @@ class TestWatchdog:
                 assert (loops.faults[BAD] is NO_PRESSURE) == (age_s > CONFIG.watchdog_s), age_s
         assert [f for i, f in enumerate(loops.faults) if i != BAD] == [NONE] * 15
 
+    def test_a_single_reading_that_is_missing_does_not_bring_a_venting_valve_to_rest(self):
+        loops = controller(20e3)
+        hold(loops, 20e3, count=100)
+        loops.request(np.zeros(16))
+        hold(loops, 500.0, start=100, count=100)  # still above where it closes, below where a closed one would open
+        assert loops.update(2.0, but(math.nan, 500.0))[BAD] == -1.0
+        assert loops.update(2.01, np.full(16, 500.0))[BAD] == -1.0
+
     def test_the_timer_closes_all_valves_when_no_pressures_arrive(self):
         loops = controller()
         hold(loops, 20e3)
