@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mbpam_ros.vision.camera import Camera, CameraConfig
-from mbpam_ros.vision.raycast import Body, Components, chords, hit_body, hit_capsule, surface_normals
+from mbpam_ros.vision.capsule_kernel import paint_capsule
+from mbpam_ros.vision.raycast import Body, Components, chords, hit_body, surface_normals
 
 Colour = tuple[float, float, float]
 
@@ -124,13 +125,15 @@ class Renderer:
 
     def __init__(self, camera: Camera, noise_levels: float = 1.5, blur_sigma_px: float = 0.0) -> None:
         self.camera = camera
-        self._noise_levels = noise_levels
         self._blur_sigma_px = blur_sigma_px
         k = camera.intrinsics
         self._shape = (k.height_px, k.width_px)
         v, u = np.mgrid[0 : k.height_px, 0 : k.width_px]
         rays = camera.rays(np.stack([u, v], axis=-1)).astype(np.float32)
         self._rays = np.ascontiguousarray(np.moveaxis(rays, -1, 0))
+        # One field for all frames, laid over each at a place of its own: to draw a million normals takes 10 ms.
+        noise = np.random.default_rng(0).standard_normal(3 * k.height_px * k.width_px, dtype=np.float32)
+        self._noise = np.float32(noise_levels) * noise
         self._background_key: tuple[Any, ...] = ()
         self._background: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
 
@@ -152,9 +155,10 @@ class Renderer:
                 self._draw_finger(image, distance, line, view)
         if self._blur_sigma_px > 0.0:
             image = cv2.GaussianBlur(image, (5, 5), self._blur_sigma_px)
-        if rng is not None and self._noise_levels > 0.0:
-            noise = rng.standard_normal(image.shape, dtype=np.float32)
-            image += np.multiply(noise, np.float32(self._noise_levels), out=noise)
+        if rng is not None:
+            levels, start = image.reshape(-1), int(rng.integers(self._noise.size))
+            levels[start:] += self._noise[: self._noise.size - start]
+            levels[:start] += self._noise[self._noise.size - start :]
         return cv2.convertScaleAbs(np.maximum(image, 0.0, out=image))
 
     # -- background ---------------------------------------------------------------------------------------------
@@ -239,18 +243,21 @@ class Renderer:
         window = self._window(_capsule_corners(start, end, radius))
         if window is None:
             return
-        rays = tuple(self._rays[(slice(None), *window)])
-        axis = (end - start).astype(np.float32)
-        origin = tuple((self.camera.position_m - start).astype(np.float32))
-        t = hit_capsule(origin, rays, axis, radius)
-        seen = t < distance[window]
-        points = tuple(o + t[seen] * d[seen] for o, d in zip(origin, rays, strict=True))
-        length = float(np.linalg.norm(axis))
-        along = (points[0] * axis[0] + points[1] * axis[1] + points[2] * axis[2]) / length
-        clipped = np.clip(along, 0.0, length) / length
-        normals = tuple((p - clipped * a) / radius for p, a in zip(points, axis, strict=True))
-        stripes = 1.0 - _STRIPE + _STRIPE * np.cos((2.0 * math.pi / _WAVE_LENGTH_M) * (station_m + along))
-        _paint(image[window], distance[window], seen, t, normals, view.finger_rgb, stripes)
+        paint_capsule(
+            image[window],
+            distance[window],
+            self._rays[(slice(None), *window)],
+            self.camera.position_m - start,
+            end - start,
+            radius,
+            station_m,
+            _STRIPE,
+            _WAVE_LENGTH_M,
+            255.0 * np.array(view.finger_rgb),
+            _LIGHT.astype(float),
+            AMBIENT,
+            DIFFUSE,
+        )
 
     def _window(self, points_m: NDArray[np.float64], pad_px: int = 2) -> tuple[slice, slice] | None:
         """Rows and columns of the box around the points' projections, ``None`` if outside the image.
@@ -296,15 +303,8 @@ def _capsule_corners(start: NDArray, end: NDArray, radius: float) -> NDArray[np.
 
 
 def _paint(
-    image: NDArray,
-    distance: NDArray,
-    seen: NDArray[np.bool_],
-    t: NDArray,
-    normals: Components,
-    colour: Colour,
-    texture: NDArray | float = 1.0,
+    image: NDArray, distance: NDArray, seen: NDArray[np.bool_], t: NDArray, normals: Components, colour: Colour
 ) -> None:
     lit = np.maximum(normals[0] * _LIGHT[0] + normals[1] * _LIGHT[1] + normals[2] * _LIGHT[2], 0.0)
-    brightness = ((AMBIENT + DIFFUSE * lit) * texture).astype(np.float32)
-    image[seen] = brightness[:, None] * (255.0 * np.array(colour, dtype=np.float32))
+    image[seen] = (AMBIENT + DIFFUSE * lit)[:, None] * (255.0 * np.array(colour, dtype=np.float32))
     distance[seen] = t[seen]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mbpam_ros.vision.camera import Camera, load_camera_config
+from mbpam_ros.vision.capsule_kernel import paint_capsule
 from mbpam_ros.vision.raycast import chords, hit_box, hit_capsule, hit_cylinder, hit_sphere
 from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView, ViewError, render
 
@@ -40,6 +41,26 @@ def test_rays_meet_primitives_where_algebra_says():
     assert hit_capsule((0, 0, -5.0), down, np.array([0.0, 0.0, 4.0]), 1.0)[0] == pytest.approx(4.0)
     assert hit_capsule((-5.0, 0, 2.0), down, np.array([0.0, 0.0, 4.0]), 1.0)[1] == pytest.approx(4.0)
     assert hit_capsule((-5.0, 0, 4.5), down, np.array([0.0, 0.0, 4.0]), 1.0)[1] == pytest.approx(5.0 - math.sqrt(0.75))
+
+
+def test_the_compiled_capsule_is_hit_where_the_array_formula_says():
+    rng = np.random.default_rng(7)
+    d = rng.normal(size=(3, 40, 50))
+    directions = (d / np.linalg.norm(d, axis=0)).astype(np.float32)
+    hit = 0
+    for _ in range(50):
+        start, axis, radius = rng.normal(size=3), rng.normal(size=3), rng.uniform(0.05, 0.8)
+        distance = np.full((40, 50), np.inf, dtype=np.float32)
+        image, brightness = np.zeros((40, 50, 3), dtype=np.float32), (200.0 * np.ones(3), np.array([0.0, 0.0, -1.0]))
+        paint_capsule(image, distance, directions, -start, axis, radius, 0.0, 0.1, 0.05, *brightness, 0.4, 0.6)
+        expected = hit_capsule(tuple(-start), tuple(directions.astype(float)), axis, radius)
+        # Rays that graze it may go either way.
+        clear = np.isfinite(expected) == np.isfinite(distance)
+        assert np.mean(clear) > 0.999
+        np.testing.assert_allclose(distance[clear], expected[clear], rtol=1e-4)
+        np.testing.assert_array_equal(image.max(axis=2) > 0.0, np.isfinite(distance))
+        hit += np.isfinite(distance).sum()
+    assert hit > 1000
 
 
 def test_what_lies_behind_the_eye_is_not_hit():
