@@ -101,6 +101,7 @@ class Bench:
         self._plan = plan
         self._line = LiveLine()
         self.figures: list[Figure] = []
+        self._loops_ms: list[float] = []
         self.failures: list[str] = []
 
     def run(self) -> None:
@@ -122,6 +123,8 @@ class Bench:
                 except NodeSystemError as error:
                     self.failures.append(f"{name}: {error}")
                     self._line.say(f"failed: {self.failures[-1]}")
+        if self._loops_ms:
+            self._median("100 000 turns of a Python loop, between the windows", self._loops_ms, "ms")
 
     # What is measured
 
@@ -297,6 +300,7 @@ class Bench:
         windows: list[dict[str, float]] = []
         for window in range(self._plan.windows):
             self._line.show(f"{name}: window {window + 1} of {self._plan.windows}")
+            self._loops_ms.append(_fixed_loop_ms())
             began, before = time.perf_counter(), {key: _cpu_s(process) for key, process in watched.items()}
             during(self._plan.window_s)
             elapsed_s = time.perf_counter() - began
@@ -338,6 +342,14 @@ def _answer(commands: list[tuple[float, JointState]], channel: int, direction: f
         return next(answers, None)
 
     return found_at
+
+
+def _fixed_loop_ms() -> float:
+    """Return the CPU time of a fixed piece of Python: shares of a core compare only beside how fast the core is."""
+    began, total = time.process_time(), 0.0
+    for i in range(100_000):
+        total += 0.5 * i
+    return 1e3 * (time.process_time() - began)
 
 
 def _cpu_s(process: psutil.Process) -> float:
