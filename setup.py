@@ -58,7 +58,7 @@ setup(
         "study": ["matplotlib", "pymoo"],  # pictures and NSGA-II of the design study; all else needs no extra
         "fem": ["felupe>=11", "pypardiso", "matplotlib"],  # offline finite elements; without pypardiso SciPy solves
         "cluster": ["distributed"],  # their many runs on many machines
-        "bench": ["mujoco>=3", "pyelastica"],  # the simulators that benchmark_peers compares with
+        "bench": ["psutil", "mujoco>=3", "pyelastica"],  # CPU of the nodes; the simulators to compare with
         "test": TEST,
     },
     tests_require=TEST,

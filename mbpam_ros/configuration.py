@@ -78,13 +78,15 @@ def load_yaml(name: str | Path) -> dict[str, Any]:
     """Read a YAML file that holds a mapping.
 
     Raises:
-        ConfigError: the file is missing, is not YAML, or is not a mapping.
+        ConfigError: the file is missing or unreadable, is not YAML, or is not a mapping.
     """
     path = config_path(name)
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), _Loader)  # a safe loader
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not valid YAML: {error}") from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     if not isinstance(content, dict):
         raise ConfigError(f"{path}: expected a mapping at the top, found {type(content).__name__}")
     return content
@@ -176,9 +178,13 @@ def _convert_tuple(arguments: tuple[Any, ...], value: Any, where: str) -> tuple[
 def _convert_scalar(expected: type, value: Any, where: str) -> Any:
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if expected is float and is_number:
-        if not math.isfinite(value):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
             raise ConfigError(f"{where}: expected a finite number, found {value}")
-        return float(value)
+        return number
     if expected is int and isinstance(value, bool) or not isinstance(value, expected):
         hint = ""
         if expected is float and isinstance(value, str) and re.fullmatch(r"[-+]?[0-9.]+[eE][0-9]+", value):

@@ -259,7 +259,7 @@ class Arbiter:
         self._settled_changed_s = 0.0
         self._was_settled = False
         self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
-        self._last: tuple[_Situation, Contact] | None = None
+        self._last: tuple[_Situation, Contact, bool] | None = None
 
     @property
     def started(self) -> bool:
@@ -396,7 +396,7 @@ class Arbiter:
     def tick(self, time_s: float) -> Decision:
         """Return what the gripper does now. Call it at a steady rate, and after each request."""
         self._update(time_s)
-        current = (self._situation, self._contact())
+        current = (self._situation, self._contact(), self._started)
         changed, self._last = current != self._last, current
         return Decision(
             **vars(self._situation), contact=current[1], setpoint_gauge_pa=self._setpoint_pa, changed=changed
@@ -450,8 +450,9 @@ class Arbiter:
 
     def _fault(self, cause: str, air: Air) -> None:
         """Latch a fault; one that is latched already keeps its cause in the text."""
-        if self._situation.phase is Phase.FAULT and not self._situation.reason.startswith(cause):
-            cause = f"{cause}; before: {self._situation.reason}"
+        before = self._situation.reason
+        if self._situation.phase is Phase.FAULT:
+            cause = before if before.startswith(cause) else f"{cause}; before: {before}"
         self._enter(replace(self._situation, phase=Phase.FAULT, source=Source.SAFETY, air=air, reason=cause))
 
     def _enter(self, situation: _Situation) -> None:

@@ -28,7 +28,7 @@ from mbpam_ros.nodes.progress import LiveLine, table
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
 from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
 from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S
-from mbpam_ros.study.grasp_report import GraspRecord, ReportError, draw_report
+from mbpam_ros.study.grasp_report import GraspRecord, ReportError, draw_report, figure_class
 
 ALL = "all"
 """What stands for the paper's five objects on the command line."""
@@ -168,11 +168,12 @@ class Watcher:
             self.record.palm_rise_m.append(self.palm_rise_m)
 
 
-def grasp(scene: Scene, tier: str, report: Path, line: LiveLine) -> GraspResult:
+def grasp(name: str, scene: Scene, tier: str, report: Path, line: LiveLine) -> GraspResult:
     """Start the six processes on a scene, grasp its object by the camera's choice, lift, release, and stop them.
 
     Args:
-        scene: with an object on a support; its own tier is not used.
+        name: of the scene, or its file.
+        scene: what that holds, with an object on a support; its own tier is not used.
         tier: how the plant computes the muscles.
         report: where pictures and logs go.
         line: shows what happens.
@@ -181,7 +182,7 @@ def grasp(scene: Scene, tier: str, report: Path, line: LiveLine) -> GraspResult:
         NodeSystemError: a stage did not happen.
     """
     arguments = {
-        "plant": ["-p", f"scene:={scene.name}", "-p", f"tier:={tier}"],
+        "plant": ["-p", f"scene:={name}", "-p", f"tier:={tier}"],
         "object_detector": ["-p", f"support_depth_m:={scene.config.support.depth_m}"],
     }
     with NodeProcesses(report / scene.name, arguments) as processes:
@@ -316,9 +317,9 @@ def _print_table(grasped: Sequence[tuple[Scene, GraspResult]]) -> None:
     print(table(head, rows))
 
 
-def _scenes(names: Sequence[str]) -> list[Scene]:
-    scenes = [load_scene(name) for name in (PAPER_SCENES if names == [ALL] else names)]
-    for scene in scenes:
+def _scenes(names: Sequence[str]) -> dict[str, Scene]:
+    scenes = {name: load_scene(name) for name in (PAPER_SCENES if names == [ALL] else names)}
+    for scene in scenes.values():
         if scene.object is None or scene.config.support is None:
             raise ConfigError(f"scene {scene.name}: the demo needs an object on a support")
     return scenes
@@ -328,7 +329,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         "demo", description="Grasp and lift the paper's objects with six node processes on loopback."
     )
-    parser.add_argument("--objects", nargs="+", default=[ALL], metavar="NAME", help="scenes, or: all (default: all)")
+    parser.add_argument(
+        "--objects", nargs="+", default=[ALL], metavar="NAME", help="scenes or their files, or: all (default: all)"
+    )
     parser.add_argument("--tier", choices=("arc", "rod"), default="rod", help="how muscles are computed (default: rod)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the table as JSON")
     parser.add_argument("--report", type=Path, default=Path("report"), metavar="DIR", help="pictures and logs go here")
@@ -343,12 +346,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     grasped: list[tuple[Scene, GraspResult]] = []
     failures: list[str] = []
     try:
+        figure_class()  # before minutes are spent on what cannot be drawn
         scenes = _scenes(options.objects)
         with domain_id() as domain:
             os.environ["ROS_DOMAIN_ID"] = str(domain)
-            for scene in scenes:
+            for name, scene in scenes.items():
                 try:
-                    grasped.append((scene, grasp(scene, options.tier, options.report, line)))
+                    grasped.append((scene, grasp(name, scene, options.tier, options.report, line)))
                 except NodeSystemError as error:
                     failures.append(f"{scene.name}: {error}")
                     line.say(f"failed: {failures[-1]}")

@@ -114,7 +114,7 @@ class GraspArbiterNode(GripperNode):
         self._decision = self._arbiter.tick(now_s)
         if not self._decision.changed:
             return
-        stamp = self.get_clock().now().to_msg()
+        stamp = self.now_stamp()
         self._publish_setpoints()
         self._publish_state()
         if self._decision.grasp_pose is not None:
@@ -127,15 +127,22 @@ class GraspArbiterNode(GripperNode):
     def _publish_setpoints(self) -> None:
         # Before the first pressures nobody knows whether the chambers hold something: zeros would drop it.
         if self._decision is not None and self._arbiter.started:
-            stamp = self.get_clock().now().to_msg()
+            stamp = self.now_stamp()
             self._setpoints.publish(joint_state(stamp, CHANNEL_NAMES, effort=self._decision.setpoint_gauge_pa))
 
     def _publish_state(self) -> None:
-        health = self.health()
-        values = [KeyValue(key=key, value=value) for key, value in health.values.items()]
-        name = f"{self.get_namespace().rstrip('/')}/grasp"
-        state = DiagnosticStatus(level=health.level, name=name, message=health.message, values=values)
-        self._state.publish(state)
+        # Before the first pressures this arbiter cannot know whether another one has stopped the gripper.
+        if not self._arbiter.started:
+            return
+        decision = self._decision
+        self._state.publish(
+            DiagnosticStatus(
+                level=DiagnosticStatus.ERROR if decision.phase is Phase.FAULT else DiagnosticStatus.OK,
+                name=f"{self.get_namespace().rstrip('/')}/grasp",
+                message=f"{decision.phase.value}: {decision.reason}",
+                values=[KeyValue(key=key, value=value) for key, value in decision.key_values().items()],
+            )
+        )
 
     def _on_chamber_states(self, message: JointState) -> None:
         try:

@@ -11,7 +11,8 @@ from rclpy.node import Node
 
 from mbpam_ros.configuration import ConfigError
 
-RESERVED_PREFIXES = ("use_sim_time", "qos_overrides.", "start_type_description_service")
+ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
+ROS_PREFIX = "qos_overrides."
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,9 @@ def declare_parameters(node: Node, parameters: Sequence[Parameter]) -> None:
     """
     known = {parameter.name: parameter for parameter in parameters}
     given = node._parameter_overrides  # rclpy has no public view of overrides that were never declared
-    unknown = sorted(name for name in given if name not in known and not name.startswith(RESERVED_PREFIXES))
+    unknown = sorted(
+        name for name in given if name not in (*known, *ROS_PARAMETERS) and not name.startswith(ROS_PREFIX)
+    )
     if unknown:
         raise ConfigError(f"{node.get_name()}: unknown parameter {', '.join(unknown)}; known: {', '.join(known)}")
     for parameter in parameters:

@@ -74,7 +74,7 @@ class PlantNode(GripperNode):
         self._commanded_at_s = -np.inf
         self._before_reset_s = 0.0
         self._ticks = 0
-        self._stamp = time_stamp(self.now_s())
+        self._stamp = self.now_stamp()
         self._rate_since = (time.monotonic(), 0)
         self._real_time_factor = 1.0
 
@@ -174,7 +174,7 @@ class PlantNode(GripperNode):
 
     def _publish_tick(self) -> None:
         if self._clock_topic is None:
-            self._stamp = time_stamp(self.now_s())
+            self._stamp = self.now_stamp()
         else:
             self._stamp = time_stamp(self._time_s())
             self._clock_topic.publish(Clock(clock=self._stamp))

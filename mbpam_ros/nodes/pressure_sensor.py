@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 
 from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, run  # isort: skip
@@ -82,12 +83,12 @@ class PressureSensorNode(GripperNode):
         self.publish_health_change(self._reading.status)
 
     def _publish_fluid_pressures(self) -> None:
-        """Publish absolute pressure: FluidPressure is absolute by its definition, all else here is gauge."""
+        """Publish absolute pressure, as FluidPressure is by its definition, of channels that have one."""
         if self._reading is None:
             return
         ambient_pa = self.value("ambient_pressure_pa")
         for i, publisher in enumerate(self._fluid):
-            if publisher.get_subscription_count() == 0:
+            if publisher.get_subscription_count() == 0 or math.isnan(self._reading.pressure_gauge_pa[i]):
                 continue
             message = FluidPressure()
             message.header.stamp = time_stamp(self._reading.time_s)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
 import rclpy
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
@@ -24,6 +25,7 @@ from rclpy.timer import Timer
 
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.nodes.exit_timer import exits_after
+from mbpam_ros.nodes.messages import time_stamp
 from mbpam_ros.nodes.parameters import Parameter, declare_parameters
 
 STREAM = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
@@ -110,9 +112,14 @@ class GripperNode(Node):
         return super().create_timer(period_s, call, **options)
 
     def now_s(self) -> float:
-        """Return the node's time [s]: wall clock, or simulated under ``use_sim_time``."""
+        """Return the node's time [s], for how old something is: simulated under ``use_sim_time``, else a clock that
+        nobody can set."""
+        return self.get_clock().now().nanoseconds * 1e-9 if self.value("use_sim_time") else time.monotonic()
+
+    def now_stamp(self) -> Time:
+        """Return the node's time as messages carry it."""
         # The wall clock read here costs a fifth of asking ROS for it.
-        return self.get_clock().now().nanoseconds * 1e-9 if self.value("use_sim_time") else time.time()
+        return self.get_clock().now().to_msg() if self.value("use_sim_time") else time_stamp(time.time())
 
     def refuse(self, source: str, error: object) -> None:
         """Count an input that was not applied and warn about its source at most once a second."""
@@ -143,7 +150,7 @@ class GripperNode(Node):
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
         report = DiagnosticArray(status=[status])
-        report.header.stamp = self.get_clock().now().to_msg()
+        report.header.stamp = self.now_stamp()
         self._diagnostics.publish(report)
 
     def _warn_of_missing_clock(self) -> None:

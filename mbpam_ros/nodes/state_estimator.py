@@ -120,7 +120,7 @@ class StateEstimatorNode(GripperNode):
         if self._estimate is None or self._is_stale() or self._markers.get_subscription_count() == 0:
             return
         lines = self._estimator.centrelines(self._estimate.bend_rad)
-        stamp = self.get_clock().now().to_msg()
+        stamp = self.now_stamp()
         radius_m = self._gripper.geometry.outer_radius_m
         self._markers.publish(MarkerArray(markers=finger_markers(stamp, BASE_FRAME, lines, radius_m, (0.2, 0.6, 1.0))))
 

@@ -13,7 +13,7 @@ from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.arbitration import Air
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds, time_stamp
+from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.stamps import StampClock
 from mbpam_ros.pneumatics.config import load_pneumatics
@@ -73,7 +73,7 @@ class ValveControllerNode(GripperNode):
     def leave(self) -> None:
         """Close the valves (or vent, where all vents): nobody will move them afterwards."""
         opening = -1.0 if self._air is Air.VENT else 0.0
-        now = self.get_clock().now().to_msg()
+        now = self.now_stamp()
         self._commands.publish(self._openings.filled(now, position=[opening] * len(CHANNEL_NAMES)))
 
     def _on_setpoints(self, message: JointState) -> None:
@@ -102,19 +102,19 @@ class ValveControllerNode(GripperNode):
         now_s = self.now_s()
         if self._clock_of_pressures.age(now_s) <= self._hold_time_s or now_s == 0.0:
             return
-        time_s = self._clock_of_pressures.time(now_s)
-        spool = self._controller.check(time_s)
-        self._commands.publish(self._openings.filled(time_stamp(time_s), position=spool))
+        spool = self._controller.check(self._clock_of_pressures.time(now_s))
+        self._commands.publish(self._openings.filled(self.now_stamp(), position=spool))
         self.publish_health_change((self._controller.faults, self._air, self._switched_on))
 
     def _on_grasp_state(self, state: DiagnosticStatus) -> None:
-        """Follow the arbiter's word on the air at once, without waiting for set-points or measurements."""
+        """Follow the arbiter's word on the air in the next command, without waiting for set-points or measurements."""
         try:
             air = Air(next((item.value for item in state.values if item.key == "air"), "none given"))
         except ValueError as error:
             self.refuse("grasp_state", error)
             return
-        if air is not self._air:
+        # An arbiter started anew does not know of a stop and would keep what is still in the chambers.
+        if air is not self._air and (self._air, air) != (Air.VENT, Air.HOLD):
             self._air = air
             self._apply_switches()
 

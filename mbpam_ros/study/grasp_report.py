@@ -53,8 +53,8 @@ INFLATED_PA = 2000.0
 VIEW_HALF_WIDTH_MM = 130.0
 
 
-def draw_report(record: GraspRecord, path: Path) -> None:
-    """Write the picture report of one grasp as a PNG.
+def figure_class() -> type:
+    """Return matplotlib's figure.
 
     Raises:
         ReportError: matplotlib is not installed.
@@ -63,7 +63,16 @@ def draw_report(record: GraspRecord, path: Path) -> None:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise ReportError("the picture report needs matplotlib: pip install 'mbpam_ros[report]'") from error
-    figure = Figure(figsize=(14.0, 9.0), layout="constrained")
+    return Figure
+
+
+def draw_report(record: GraspRecord, path: Path) -> None:
+    """Write the picture report of one grasp as a PNG.
+
+    Raises:
+        ReportError: matplotlib is not installed.
+    """
+    figure = figure_class()(figsize=(14.0, 9.0), layout="constrained")
     figure.suptitle(record.title, fontsize=14, fontweight="bold")
     above, below = figure.subfigures(2, 1, height_ratios=(1.25, 1.0))
     overlay, front, side = above.subplots(1, 3, width_ratios=(1.5, 1.0, 1.0))

@@ -109,6 +109,7 @@ def test_a_design_that_no_one_named_is_refused_with_those_that_there_are(refused
     [
         (PlantNode, "gripper", "gripper.yaml", "geometry.outer_radius_m", -0.01),
         (PlantNode, "gripper", "gripper.yaml", "geometry.active_length_m", 0.0),
+        (PlantNode, "gripper", "gripper.yaml", "geometry.active_length_m", 10**400),
         (PlantNode, "gripper", "gripper.yaml", "geometry.mass_per_length_kg_m", float("nan")),
         (PlantNode, "gripper", "gripper.yaml", "finger_circle_radius_m", 0.010),
         (PlantNode, "pneumatics", "pneumatics.yaml", "model", "steam"),

@@ -166,12 +166,16 @@ def test_started_beside_chambers_with_air_it_keeps_the_object_and_waits_for_a_re
     restarted.hold()
 
 
-def test_before_the_first_pressures_it_publishes_no_set_points(graph):
+def test_before_the_first_pressures_it_has_no_say_over_the_air(graph):
     silent = Grasp(graph)
+    silent.report_both_well()
     for _ in range(60):
         silent.time_s += TICK_S
         graph.set_time(silent.time_s)
-    assert silent.phase == "idle" and not silent.setpoints
+    assert not silent.call("envelope").success
+    assert not silent.setpoints and not silent.states
+    silent.tick_until(lambda: silent.states, "the state with the first pressures")
+    assert silent.phase == "idle" and silent.states[-1].level == DiagnosticStatus.OK
 
 
 @pytest.mark.parametrize("mode", CHAMBERS_UNDER_PRESSURE)

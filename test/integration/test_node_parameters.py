@@ -84,6 +84,8 @@ def test_an_unknown_parameter_is_a_configuration_error_that_lists_the_known(grap
     node_class, parameters = NODES[name]
     with pytest.raises(ConfigError, match=f"{name}: unknown parameter colour; known: {parameters[0].name}, "):
         graph.add(node_class, colour="blue")
+    with pytest.raises(ConfigError, match="unknown parameter use_sim_timee"):
+        graph.add(node_class, use_sim_timee=True)
 
 
 @pytest.mark.parametrize("name, parameter", RANGED, ids=labels(RANGED))

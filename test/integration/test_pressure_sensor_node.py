@@ -71,6 +71,15 @@ def test_fluid_pressure_is_absolute(graph):
     assert absolute[0].header.frame_id == CHANNEL_NAMES[0]
 
 
+def test_a_channel_without_a_valid_reading_has_no_fluid_pressure(graph):
+    graph.add(PressureSensorNode, fluid_pressure_rate_hz=50.0)
+    broken, whole = (graph.listen(FluidPressure, f"chamber_1_{chamber}/pressure") for chamber in (1, 2))
+    publisher = graph.publisher(JointState, "transducers")
+    publisher.publish(volts([math.nan, *[VENTED_V] * 15]))
+    graph.spin_until(lambda: len(whole) >= 3, "chamber_1_2/pressure")
+    assert broken == []
+
+
 def test_zero_is_refused_while_a_chamber_is_pressurised(graph):
     graph.add(PressureSensorNode)
     states = graph.listen(JointState, "chamber_states")

@@ -309,7 +309,7 @@ def test_two_grippers_run_side_by_side_under_their_namespaces(start):
     left.enable()
     left.close_fingers()
     assert left.pressure_pa.max() > 90e3
-    assert right.grasp["phase"] == "idle"
+    right.wait_for_phase("idle")
     assert right.pressure_pa.max() < 1e3
     left.ask("grasp/stop")
     left.wait_for_phase("fault")

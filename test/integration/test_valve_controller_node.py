@@ -131,6 +131,9 @@ def test_pressures_whose_stamp_stands_still_are_refused_and_the_valves_close(gra
     loops.setpoints.publish(setpoints(np.full(16, 50e3)))
     loops.feed_until(lambda opening: (opening > 0.1).all())
     loops.refuse(loops.pressures, joint_state(time_stamp(loops.time_s), CHANNEL_NAMES, effort=AMBIENT))
+    graph.set_time(1.0)
+    graph.set_time(1.1)
+    graph.spin_until(lambda: not np.array(loops.commands[-1].position).any(), "closed valves")
 
 
 def test_a_command_carries_the_names_and_the_stamp_of_its_pressures(graph):
@@ -217,6 +220,16 @@ def test_hold_in_the_grasp_state_closes_every_valve_and_regulate_opens_them_agai
     assert not loops.feed(np.full(16, 30e3), ticks=20).any()
     loops.grasp_state.publish(air("regulate"))
     loops.feed_until(lambda opening: (opening > 0.1).all(), np.full(16, 30e3))
+
+
+def test_an_arbiter_that_knows_of_no_stop_does_not_keep_what_is_being_vented(graph):
+    loops = Loops(graph, enable_at_start=True)
+    loops.grasp_state.publish(air("vent"))
+    loops.feed_until(lambda opening: (opening == -1.0).all(), np.full(16, 60e3))
+    loops.grasp_state.publish(air("hold"))
+    loops.grasp_state.publish(air("no word"))
+    graph.spin_until(lambda: loops.node.refused_inputs == 1, "the message behind it")
+    assert (loops.feed(np.full(16, 60e3), ticks=5) == -1.0).all()
 
 
 def test_enabling_is_refused_while_the_arbiter_vents(graph):

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import sys
 import types
 
 import pytest
@@ -24,8 +25,8 @@ def grasps(monkeypatch):
     class Grasps(list):
         dropped, failing = (), ()
 
-        def __call__(self, scene, tier, report, line):
-            self.append((scene.name, tier))
+        def __call__(self, name, scene, tier, report, line):
+            self.append((name, tier))
             if scene.name in self.failing:
                 raise NodeSystemError("closing: not within 10 s")
             mode, size_m = scene.object.expected_mode, list(scene.object.size_m)
@@ -138,4 +139,25 @@ def test_a_fault_ends_the_grasp_at_once_with_its_reason(monkeypatch, tmp_path):
     monkeypatch.setattr(demo, "NodeProcesses", lambda *_: processes)
     monkeypatch.setattr(demo, "Operator", lambda *_, **__: FaultyOperator())
     with pytest.raises(NodeSystemError, match="waiting for plant.*: fault: 16 of 16 channels at fault"):
-        demo.grasp(load_scene("bulb"), "rod", tmp_path, LiveLine())
+        demo.grasp("bulb", load_scene("bulb"), "rod", tmp_path, LiveLine())
+
+
+def test_the_plant_gets_the_scene_s_file_as_it_was_given(monkeypatch, tmp_path):
+    given = {}
+
+    def processes(_, arguments):
+        given.update(arguments)
+        raise NodeSystemError("enough")
+
+    monkeypatch.setattr(demo, "NodeProcesses", processes)
+    file = tmp_path / "bulb.yaml"
+    with pytest.raises(NodeSystemError):
+        demo.grasp(str(file), load_scene("bulb"), "rod", tmp_path, LiveLine())
+    assert f"scene:={file}" in given["plant"]
+
+
+def test_without_matplotlib_nothing_is_grasped(grasps, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    assert demo.main([]) == 2
+    assert "needs matplotlib" in capsys.readouterr().err
+    assert grasps == []

@@ -35,6 +35,22 @@ def test_a_stamp_a_little_before_a_moment_already_reported_counts_as_that_moment
     assert clock.sample(10.35, now_s=500.41) == 10.35
 
 
+@pytest.mark.parametrize("jump_s", [0.25, 1.0, 60.0])
+def test_a_node_s_clock_that_jumps_ahead_does_not_make_time_stand_still(jump_s):
+    clock = StampClock()
+    clock.sample(10.0, now_s=500.0)
+    assert clock.time(500.0 + jump_s) == pytest.approx(10.0 + jump_s)
+    times = [clock.sample(10.0 + 0.01 * k, now_s=500.0 + jump_s + 0.01 * k) for k in range(1, 20)]
+    assert times == [10.0 + 0.01 * k for k in range(1, 20)]
+
+
+def test_silence_counts_from_the_moment_a_simulation_starts_anew():
+    clock = StampClock()
+    clock.sample(10.0, now_s=500.0)
+    assert clock.age(0.5) == 0.0
+    assert clock.age(1.0) == 0.5
+
+
 def test_time_does_not_go_back_between_samples():
     clock = StampClock()
     clock.sample(10.0, now_s=500.0)
