@@ -17,6 +17,9 @@ from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from mbpam_ros.grasp.modes import MODE_NAMES
 
 NODES = ("plant", "pressure_sensor", "valve_controller", "state_estimator", "object_detector", "grasp_arbiter")
 """The executables of a gripper, in the order of the data flow."""
@@ -98,6 +101,15 @@ class NodeProcesses:
         return {executable: process.returncode for executable, process in self.processes.items()}
 
 
+SERVICES: Mapping[str, type] = {
+    **{f"grasp/{name}": Trigger for name in (*MODE_NAMES, "auto", "release", "stop", "reset")},
+    **{f"plant/{name}": Trigger for name in ("reset", "lift", "lower")},
+    "pressure_sensor/zero": Trigger,
+    "valve_controller/enable": SetBool,
+}
+"""The gripper's services."""
+
+
 class Operator:
     """A node of our own beside the running system: it listens, calls services, and waits on predicates.
 
@@ -116,7 +128,10 @@ class Operator:
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._idle = idle
-        self._clients: dict[str, Client] = {}
+        # Made before anybody calls: a server that sees a client late loses its request or the answer to it.
+        self._clients: dict[str, Client] = {
+            name: self.node.create_client(service_type, name) for name, service_type in SERVICES.items()
+        }
         self.health: dict[str, tuple[bytes, str, dict[str, str]]] = {}
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
 
@@ -146,14 +161,11 @@ class Operator:
     def call(self, service_type: type, name: str, request: object = None, timeout_s: float = 10.0) -> object:
         """Call a service and return its response; waits for the server and for a real answer.
 
-        The client is kept for the next call: the request of one made anew is lost now and then (1 in 1500 measured),
-        because a server may see it later than it sees the server.
-
         Raises:
             NodeSystemError: no answer within ``timeout_s``.
         """
         client = self._clients.get(name)
-        if client is None:
+        if client is None:  # none of the gripper's
             client = self._clients[name] = self.node.create_client(service_type, name)
         self.wait_for(client.service_is_ready, timeout_s, f"service {name}")
         future = client.call_async(request if request is not None else service_type.Request())
