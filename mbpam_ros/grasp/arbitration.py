@@ -182,11 +182,14 @@ class Decision(_Situation):
         grasp_pose: wrist pose that lines the mode up with the object; only for the camera's grasps.
         contact: whether an object is touched, as far as that was measured.
         setpoint_gauge_pa: shape (16,) [Pa gauge], read-only, always finite and within 0 .. pressure limit.
+        informed: all pressures had been read at least once. Before, the rest of the decision means nothing: nobody
+            knows whether the chambers hold something, which zeros would drop.
         changed: anything above differs from the previous decision.
     """
 
     contact: Contact
     setpoint_gauge_pa: NDArray[np.float64]
+    informed: bool
     changed: bool
 
     def key_values(self) -> dict[str, str]:
@@ -254,17 +257,12 @@ class Arbiter:
         self._touched_at_s = -math.inf
         self._unhealthy: dict[str, str] = {}
         self._situation = _OPEN
-        self._started = False
+        self._informed = False
         self._since_s = 0.0
         self._settled_changed_s = 0.0
         self._was_settled = False
         self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
         self._last: tuple[_Situation, Contact, bool] | None = None
-
-    @property
-    def started(self) -> bool:
-        """Whether all pressures have been read once, so that the set-points mean something."""
-        return self._started
 
     # Observations
 
@@ -281,8 +279,8 @@ class Arbiter:
         valid = np.isfinite(pressure_pa)
         self._pressure_pa = np.where(valid, pressure_pa, np.nan)
         self._valid_at_s[valid] = self._time_s
-        if not self._started and valid.all():
-            self._started = True
+        if not self._informed and valid.all():
+            self._informed = True
             up = self._pressure_pa >= self._config.open_below_gauge_pa
             if up.any() and self._situation.phase is Phase.IDLE:  # an arbiter before this one may hold something
                 kept_pa = np.where(up, np.minimum(self._pressure_pa, self._limit_pa), 0.0)
@@ -396,10 +394,14 @@ class Arbiter:
     def tick(self, time_s: float) -> Decision:
         """Return what the gripper does now. Call it at a steady rate, and after each request."""
         self._update(time_s)
-        current = (self._situation, self._contact(), self._started)
+        current = (self._situation, self._contact(), self._informed)
         changed, self._last = current != self._last, current
         return Decision(
-            **vars(self._situation), contact=current[1], setpoint_gauge_pa=self._setpoint_pa, changed=changed
+            **vars(self._situation),
+            contact=current[1],
+            setpoint_gauge_pa=self._setpoint_pa,
+            informed=self._informed,
+            changed=changed,
         )
 
     # Transitions

@@ -125,16 +125,15 @@ class GraspArbiterNode(GripperNode):
         self.publish_health_change()
 
     def _publish_setpoints(self) -> None:
-        # Before the first pressures nobody knows whether the chambers hold something: zeros would drop it.
-        if self._decision is not None and self._arbiter.started:
+        if self._decision is not None and self._decision.informed:
             stamp = self.now_stamp()
             self._setpoints.publish(joint_state(stamp, CHANNEL_NAMES, effort=self._decision.setpoint_gauge_pa))
 
     def _publish_state(self) -> None:
-        # Before the first pressures this arbiter cannot know whether another one has stopped the gripper.
-        if not self._arbiter.started:
-            return
         decision = self._decision
+        # An arbiter that knows no pressures cannot know whether another one before it has stopped the gripper.
+        if not decision.informed:
+            return
         self._state.publish(
             DiagnosticStatus(
                 level=DiagnosticStatus.ERROR if decision.phase is Phase.FAULT else DiagnosticStatus.OK,

@@ -178,6 +178,20 @@ def test_before_the_first_pressures_it_has_no_say_over_the_air(graph):
     assert silent.phase == "idle" and silent.states[-1].level == DiagnosticStatus.OK
 
 
+def test_set_points_chosen_before_the_first_pressures_are_not_repeated_after_them(graph):
+    restarted = Grasp(graph, tick_rate_hz=5.0)  # it decides at 1.4 and 1.6 s, and repeats its set-points at 1.5 s
+    restarted.report_both_well()
+    graph.set_time(1.42)
+    assert not restarted.call("envelope").success  # a decision, without pressures
+    restarted.follows, restarted.measured_pa = False, grip("envelope")
+    restarted.pressures.publish(joint_state(time_stamp(1.42), CHANNEL_NAMES, effort=restarted.measured_pa))
+    graph.spin_until(lambda: restarted.node._arbiter.obstacle(1.42) is None, "the pressures taken")
+    restarted.time_s = 1.42
+    restarted.tick_until(lambda: len(restarted.setpoints) > 1, "set-points")
+    for message in restarted.setpoints:
+        np.testing.assert_array_equal(message.effort, grip("envelope"))
+
+
 @pytest.mark.parametrize("mode", CHAMBERS_UNDER_PRESSURE)
 def test_each_mode_fills_the_chambers_opposite_to_its_bends(grasp, mode):
     answer = grasp.call(mode)
