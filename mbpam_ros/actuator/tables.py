@@ -102,7 +102,7 @@ def read_labelled_columns(
         places = {column: _place(header, column) for column in (*labels, *columns)}
         rows = _without_units(rows, {column: places[column] for column in columns})
         if not rows:
-            raise _Refused(f"line {header.line}: no rows of numbers beneath the column names")
+            raise _Refused(f"line {header.line}: no rows beneath the column names, but for comments (#) and units")
         texts = [tuple(_label(row, label, places[label]) for label in labels) for row in rows]
         numbers = _numbers(rows, {column: places[column] for column in columns}, separator)
     except _Refused as refused:
@@ -151,7 +151,8 @@ def _records(text: str, separator: str) -> Iterator[_Record]:
                 yield _Record(line, cells)
             row_begins, line = True, reader.line_num + 1
     except csv.Error as error:
-        raise _Refused(f"line {line}: its quotes do not pair up, or a cell is too long ({error}); mend it") from error
+        longest = csv.field_size_limit()
+        raise _Refused(f"line {line}: its quotes do not pair up, or a cell has over {longest} characters") from error
 
 
 def _header(text: str, columns: Sequence[str]) -> tuple[str, _Record]:
@@ -206,21 +207,25 @@ def _why_no_header(text: str, columns: Sequence[str]) -> _Refused:
 
 
 def _rows(text: str, separator: str, header: _Record) -> list[_Record]:
-    """Return the rows beneath the header, each long enough for its names."""
+    """Return the rows beneath the header, each as long as it is."""
     rows = []
-    width = max(place for place, name in enumerate(header.cells, 1) if name)
     for row in _records(text, separator):
         if row.line < header.line and _all_numbers(row):
             raise _Refused(f"line {row.line}: numbers above the column names in line {header.line}; move the names up")
-        if row.line <= header.line:
-            continue
-        if len(row.cells) < width or any(row.cells[len(header.cells) :]):
-            raise _Refused(
-                f"line {row.line}: {len(row.cells)} cells, but line {header.line} names {width} columns; give each row "
-                f"as many, separated by {_SEPARATORS[separator]}, and write decimals with a point"
-            )
-        rows.append(row)
+        if row.line > header.line:
+            _require_width(row, header, separator)
+            rows.append(row)
     return rows
+
+
+def _require_width(row: _Record, header: _Record, separator: str) -> None:
+    surplus = row.cells[len(header.cells) :]
+    # Among commas an empty cell too many may come of a decimal comma: 1,5, is 1.5 and an empty cell, or 1 and 5.
+    if len(row.cells) < len(header.cells) or any(surplus) or (surplus and separator == ","):
+        raise _Refused(
+            f"line {row.line}: {len(row.cells)} cells, but line {header.line} has {len(header.cells)}; "
+            f"give each row as many, separated by {_SEPARATORS[separator]}, and write decimals with a point"
+        )
 
 
 def _place(header: _Record, column: str) -> int:
