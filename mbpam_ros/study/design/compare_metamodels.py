@@ -12,7 +12,6 @@ estimator's parameter ``metamodel``.
 from __future__ import annotations
 
 import argparse
-import csv
 import functools
 import sys
 from collections.abc import Sequence
@@ -29,6 +28,7 @@ from mbpam_ros.actuator.metamodel import (
     VALIDATION_TABLE,
     MetamodelError,
 )
+from mbpam_ros.actuator.tables import read_labelled_columns
 from mbpam_ros.configuration import ConfigError, config_path
 from mbpam_ros.study.design.accuracy import JudgingError
 from mbpam_ros.study.design.comparison import Judged, judge
@@ -45,13 +45,14 @@ def published_errors() -> dict[tuple[str, str], dict[str, float]]:
     """Return Table 3 of the paper: ``r2``, ``rmse`` and ``mre`` (both normalised) by metamodel and response.
 
     Raises:
-        ConfigError: the table is missing.
+        ConfigError: the table is missing or unreadable.
     """
-    with config_path("data/metamodel_errors.csv").open(encoding="utf-8", newline="") as file:
-        return {
-            (row["metamodel"], row["response"]): {key: float(row[key]) for key in ("r2", "rmse", "mre")}
-            for row in csv.DictReader(file)
-        }
+    errors = ("r2", "rmse", "mre")
+    labels, values = read_labelled_columns(config_path("data/metamodel_errors.csv"), ("metamodel", "response"), *errors)
+    return {
+        (metamodel, response): dict(zip(errors, row, strict=True))
+        for (metamodel, response), row in zip(labels, values.T.tolist(), strict=True)
+    }
 
 
 def compare(

@@ -43,7 +43,7 @@ class Samples:
         """Return the samples of a CSV with columns ``a_mm``, ``b_mm``, ``theta_max_deg``, ``f_max_n``.
 
         Raises:
-            ConfigError: the file is missing, lacks a column, or holds something that is not a finite number there.
+            TableError: as :func:`mbpam_ros.actuator.tables.read_columns`.
         """
         a, b, theta, force = read_columns(path, "a_mm", "b_mm", "theta_max_deg", "f_max_n")
         return cls(np.column_stack([a, b]), {"theta_max": theta, "f_max": force})

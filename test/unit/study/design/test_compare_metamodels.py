@@ -1,9 +1,11 @@
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mbpam_ros.actuator.metamodel import GaussianRadialBasis, PolynomialResponseSurface
+from mbpam_ros.configuration import ConfigError
 from mbpam_ros.study.design import compare_metamodels
 from mbpam_ros.study.design.accuracy import Accuracy
 from mbpam_ros.study.design.compare_metamodels import main, published_errors
@@ -103,6 +105,36 @@ def test_samples_of_ones_own_have_a_domain_of_their_own(tmp_path, quick, capsys)
     # A cubic of scaled variables is a cubic: the errors are those of the paper's tables.
     assert json.loads(path.read_text())["PRS"]["theta_max"]["r2"] == pytest.approx(0.9964, abs=1e-4)
     assert "paper" not in capsys.readouterr().out
+
+
+def test_samples_come_from_a_spreadsheet_that_writes_decimals_with_a_comma(tmp_path, quick, capsys):
+    plain = Path(write_csv(tmp_path / "plain.csv", TRAINING))
+    table, result = tmp_path / "spreadsheet.csv", tmp_path / "result.json"
+    text = plain.read_text(encoding="utf-8").replace(",", ";").replace(".", ",").replace("\n", "\r\n")
+    table.write_bytes(b"\xef\xbb\xbf" + text.encode() + b";;;\r\n")
+    found = []
+    for training in (plain, table):
+        assert main(["--training", str(training), "--json", str(result)]) == 0
+        found.append(json.loads(result.read_text(encoding="utf-8"))["PRS"]["f_max"]["parameters"])
+    assert found[0] == found[1]
+
+
+def test_a_bad_sample_is_named_with_its_line_and_column(tmp_path, quick, capsys):
+    table = tmp_path / "own.csv"
+    table.write_text("a_mm,b_mm,theta_max_deg,f_max_n\n1.5,2,100,n.a.\n", encoding="utf-8")
+    assert main(["--training", str(table)]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith(f"compare_metamodels: {table}: line 2, column f_max_n: 'n.a.' is not a plain number")
+    assert said.count("\n") == 1
+
+
+def test_the_papers_errors_are_read_as_strictly_as_samples(tmp_path, monkeypatch):
+    (tmp_path / "data").mkdir()
+    (tmp_path / "gripper.yaml").touch()
+    (tmp_path / "data" / "metamodel_errors.csv").write_text("metamodel,response,r2,rmse,mre\nPRS,f_max,1,nan,0\n")
+    monkeypatch.setenv("MBPAM_CONFIG_DIR", str(tmp_path))
+    with pytest.raises(ConfigError, match="line 2, column rmse: 'nan' is not a plain number"):
+        published_errors()
 
 
 def test_without_samples_to_judge_on_each_is_left_out_in_turn():

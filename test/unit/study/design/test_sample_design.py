@@ -3,17 +3,18 @@ import json
 import numpy as np
 import pytest
 
+from mbpam_ros.actuator.tables import read_columns
 from mbpam_ros.study.design.sample_design import main
 
 
 def test_designs_are_printed_and_written_beside_the_papers_figures(tmp_path, capsys):
     table, figures = tmp_path / "designs.csv", tmp_path / "designs.json"
     assert main(["--restarts", "1", "--csv", str(table), "--json", str(figures)]) == 0
-    said, rows = capsys.readouterr().out, np.genfromtxt(table, delimiter=",", names=True)
-    assert rows.dtype.names == ("no", "a_mm", "b_mm") and len(rows) == 21
-    assert (rows["a_mm"].min(), rows["a_mm"].max(), rows["b_mm"].min(), rows["b_mm"].max()) == (1.5, 3.5, 1.0, 3.0)
+    said, (no, a_mm, b_mm) = capsys.readouterr().out, read_columns(table, "no", "a_mm", "b_mm")
+    assert no.tolist() == list(range(1, 22))
+    assert (a_mm.min(), a_mm.max(), b_mm.min(), b_mm.max()) == (1.5, 3.5, 1.0, 3.0)
     result = json.loads(figures.read_text())
-    assert result["points"] == np.column_stack([rows["a_mm"], rows["b_mm"]]).tolist()
+    assert result["points"] == np.column_stack([a_mm, b_mm]).tolist()
     # Table 1's closest two points: steps of 3 of 20 levels in both variables.
     paper = result["space_filling"]["paper_over_a_b"]
     assert paper["smallest_distance"] == pytest.approx(np.hypot(3, 3) / 20.0)
