@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import sys
+from typing import TextIO
 
 PATIENCE_S = 5.0
 """What takes no longer than this is not announced."""
 
 
-def announce(what: str, expected_s: float) -> bool:
-    """Print on the standard error that ``what`` takes about ``expected_s``, if more than :data:`PATIENCE_S`.
+def announce(what: str, expected_s: float, stream: TextIO | None = None) -> bool:
+    """Print that ``what`` takes about ``expected_s``, if more than :data:`PATIENCE_S`.
 
     Args:
         what: the work, in words.
         expected_s: wall time on one core of a present-day machine [s]; a guess, said as such.
+        stream: where to write; by default the standard error of this moment.
 
     Returns:
         Whether it was said, so that progress is worth showing.
     """
     if not expected_s > PATIENCE_S:
         return False
-    print(f"{what}: takes about {_duration(expected_s)}", file=sys.stderr, flush=True)
+    print(f"{what}: takes about {_duration(expected_s)}", file=stream or sys.stderr, flush=True)
     return True
 
 

@@ -93,7 +93,7 @@ def _trade(options: argparse.Namespace) -> int:
     ]
     repeats = 1 if quick else options.rounds
     runs = repeats * sum(map(len, grids))
-    announce(f"{runs} runs and {len(cases)} references", 30.0 if quick else 120.0 + _S_PER_RUN * runs)
+    announce(f"{runs} runs and {len(cases)} references", 30.0 if quick else 120.0 + _S_PER_RUN * runs, sys.stdout)
     progress.start(runs, 0)
     rows, checks = [], {}
     for case, grid in zip(cases, grids, strict=True):
