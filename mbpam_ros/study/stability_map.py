@@ -42,6 +42,8 @@ from mbpam_ros.plant.tiers import (
     TierState,
     build_tier,
 )
+from mbpam_ros.study.announcement import announce
+from mbpam_ros.study.progress_bar import ProgressBar
 from mbpam_ros.study.result_file import ResultFileError, write_json
 
 TIERS = ("static", "arc", "rod")
@@ -54,6 +56,9 @@ PRESSURE_GAUGE_PA = 80e3
 CLOSING_S, HOLDING_S, FREE_HOLDING_S, FEWEST_STEPS = 0.3, 0.5, 2.0, 5
 AT_REST_M_S = 1e-3
 """Speed of the object, and of the free tips, below which a cell is at rest."""
+
+_S_PER_CELL = 0.6
+"""Of the whole map, whose shortest steps cost most."""
 
 _SIZE_M, _MASS_KG, _DEPTH_M = 0.060, 0.046, 0.085
 _STAND_M = np.array([[_DEPTH_M + 0.5 * _SIZE_M, 0.01, 0.01], [0.315, np.inf, np.inf]])
@@ -140,7 +145,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         (QUICK_STEPS_S, QUICK_STIFFNESSES_N_M) if options.quick else (STEPS_S, STIFFNESSES_N_M)
     )  # fmt: skip
     try:
-        cells = list(stability_map(steps, stiffnesses))
+        rows = len(steps) * (1 + 2 * (1 + len(stiffnesses)))
+        slow, progress, cells = announce(f"{rows} cells", _S_PER_CELL * rows), ProgressBar(sys.stderr), []
+        if slow:
+            progress.start(rows, 0)
+        for cell in stability_map(steps, stiffnesses):
+            cells.append(cell)
+            if slow:
+                progress.job_ended(f"tier {cell.tier}, {1e3 * cell.step_s:g} ms, {_column(cell.stiffness_n_m)} N/m")
         print(map_text(cells), end="")
         if options.json is not None:
             write_json(options.json, {"cells": [dataclasses.asdict(cell) for cell in cells]})

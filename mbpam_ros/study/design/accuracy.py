@@ -1,14 +1,15 @@
-"""How well predictions meet what they predict: R2, RMSE and MRE, in physical units and in the paper's normalisation."""
+"""How well predictions meet what they predict, and whether a stated deviation covers their errors.
+
+R2, RMSE and MRE are in physical units and in the paper's normalisation.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from mbpam_ros.actuator.metamodel import Metamodel
+from scipy.stats import chi2
 
 
 class JudgingError(ValueError):
@@ -58,23 +59,45 @@ class Accuracy:
         )
 
 
-def leave_one_out(
-    make: Callable[[], Metamodel], design_mm: NDArray[np.float64], response: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return what metamodels fitted anew without each sample predict for it, shape (n,).
+@dataclass(frozen=True)
+class Coverage:
+    """Whether a stated standard deviation covers the errors at samples that were held back.
 
     Args:
-        make: returns an unfitted metamodel whose domain holds all samples.
-        design_mm: rows (a, b), shape (n, 2).
-        response: shape (n,).
-
-    Raises:
-        MetamodelError: a sample cannot be spared.
+        rms_score: root mean square of errors over their stated standard deviations; 1 of an honest one.
+        within_two: how many errors are at most two of them.
+        count: of errors.
+        held_back: how, in words.
     """
-    everyone = np.arange(len(response))
-    predictions = np.empty(len(response))
-    for left_out in everyone:
-        kept = everyone != left_out
-        model = make().fit(design_mm[kept], response[kept])
-        predictions[left_out] = model.predict(design_mm[left_out : left_out + 1])[0]
-    return predictions
+
+    rms_score: float
+    within_two: int
+    count: int
+    held_back: str
+
+    @classmethod
+    def of(cls, error: NDArray[np.float64], sigma: NDArray[np.float64], held_back: str) -> Coverage:
+        """Return the coverage of ``error`` by ``sigma``, each of shape (n,), n at least 1."""
+        score = error / sigma
+        return cls(float(np.sqrt(np.mean(score**2))), int(np.sum(np.abs(score) <= 2.0)), len(score), held_back)
+
+    @property
+    def covers(self) -> bool:
+        """Whether the scores are no larger than chance would have them in 39 of 40 cases, were ``sigma`` right.
+
+        Their sum of squares is then that of as many standard normal numbers, with a chi-squared distribution. Errors
+        at samples that are left out in turn depend a little on each other, for which no allowance is made.
+        """
+        return self.count * self.rms_score**2 <= float(chi2.ppf(0.975, self.count))
+
+    def as_json(self) -> dict[str, object]:
+        """Return the figures as plain values."""
+        return {**asdict(self), "covers": self.covers}
+
+    def text(self) -> str:
+        """Return the verdict in words."""
+        verdict = "it covers" if self.covers else f"do not trust it, count on {self.rms_score:.1f} times as much"
+        return (
+            f"errors at held-back samples ({self.held_back}) are {self.rms_score:.1f} times sigma (rms), "
+            f"{self.within_two} of {self.count} within two: {verdict}"
+        )

@@ -11,15 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.metamodel import Metamodel
-from mbpam_ros.study.design.accuracy import Accuracy, leave_one_out
+from mbpam_ros.study.design.accuracy import Accuracy, Coverage
 from mbpam_ros.study.design.samples import Samples
 
 _MANY = 10_000
+_FEW_SAMPLES = 100
 
 
 @dataclass(frozen=True)
 class Speed:
-    """Wall time [s], medians: of a fit, and of predicting one design and 10 000 designs."""
+    """Wall time [s]: of a fit, and of predicting one design and 10 000 designs.
+
+    Medians, but of a fit to more than 100 samples, which is timed once.
+    """
 
     fit_s: float
     one_evaluation_s: float
@@ -35,16 +39,26 @@ class Judged:
         speed: of this process on this machine.
         parameters: what the fit chose.
         predicted: on the judging samples, shape (n,).
+        coverage: of the errors by the standard deviation that the metamodel states; None if it states none.
+        held_back: how samples were held back, in words.
     """
 
     accuracy: Accuracy
     speed: Speed
     parameters: dict[str, object]
     predicted: NDArray[np.float64]
+    coverage: Coverage | None
+    held_back: str
 
     def as_json(self) -> dict[str, object]:
         """Return figures of error, times and fitted parameters as plain values."""
-        return {**asdict(self.accuracy), **asdict(self.speed), "parameters": self.parameters}
+        return {
+            **asdict(self.accuracy),
+            **asdict(self.speed),
+            "parameters": self.parameters,
+            "held_back": self.held_back,
+            "sigma_coverage": None if self.coverage is None else self.coverage.as_json(),
+        }
 
 
 def judge(make: Callable[[], Metamodel], training: Samples, validation: Samples | None) -> dict[str, Judged]:
@@ -53,7 +67,8 @@ def judge(make: Callable[[], Metamodel], training: Samples, validation: Samples 
     Args:
         make: returns an unfitted metamodel.
         training: the samples to fit.
-        validation: the samples to judge on; None leaves each training sample out in turn instead.
+        validation: the samples to judge on; None leaves each training sample out in turn instead
+            (:meth:`~mbpam_ros.actuator.metamodel.Metamodel.leave_one_out`).
 
     Raises:
         DesignDomainError: a validation sample lies outside the training samples.
@@ -62,23 +77,33 @@ def judge(make: Callable[[], Metamodel], training: Samples, validation: Samples 
     """
     judged = {}
     for key, response in training.responses.items():
+        start = time.perf_counter()
         model = make().fit(training.design_mm, response)
+        fit_s = time.perf_counter() - start
+        if len(response) <= _FEW_SAMPLES:
+            fit_s = _median_s(lambda response=response: make().fit(training.design_mm, response), 3)
         if validation is None:
-            predicted, expected = leave_one_out(make, training.design_mm, response), response
+            left_out = model.leave_one_out()
+            predicted, sigma, how, expected = left_out.predicted, left_out.sigma, left_out.how, response
         else:
-            predicted, expected = model.predict(validation.design_mm), validation.responses[key]
-        speed = _speed(make, model, training.design_mm, response)
-        judged[key] = Judged(Accuracy.of(predicted, expected), speed, model.fitted_parameters(), predicted)
+            predicted, sigma = model.predict(validation.design_mm), model.deviation(validation.design_mm)
+            how, expected = "samples of their own", validation.responses[key]
+        judged[key] = Judged(
+            Accuracy.of(predicted, expected),
+            _speed(model, fit_s),
+            model.fitted_parameters(),
+            predicted,
+            None if sigma is None else Coverage.of(predicted - expected, sigma, how),
+            how,
+        )
     return judged
 
 
-def _speed(
-    make: Callable[[], Metamodel], model: Metamodel, design_mm: NDArray[np.float64], response: NDArray[np.float64]
-) -> Speed:
+def _speed(model: Metamodel, fit_s: float) -> Speed:
     low, high = model.domain.bounds_mm
     many = np.clip(np.random.default_rng(0).uniform(low, high, size=(_MANY, 2)), low, high)
     return Speed(
-        fit_s=_median_s(lambda: make().fit(design_mm, response), 3),
+        fit_s=fit_s,
         one_evaluation_s=_median_s(lambda: model.predict(many[:1]), 100),
         ten_thousand_evaluations_s=_median_s(lambda: model.predict(many), 3),
     )

@@ -47,13 +47,20 @@ def weighted(weight_first: float, weight_second: float) -> Rule:
 
 
 def required_force(force_n: float) -> Rule:
-    """Return the rule that takes the largest angle among the designs with at least this force [N]."""
+    """Return the rule that takes the largest angle among the designs with at least this force [N].
+
+    Raises:
+        CompromiseError: no force at all: negative or not finite. By the rule: no design of the front has this force.
+    """
+    if not 0.0 <= force_n < float("inf"):
+        raise CompromiseError(f"the required force must be a number that is not negative, found {force_n:g} N")
 
     def rule(front: Front) -> int:
         strong = np.flatnonzero(front.values[:, 1] >= force_n)
         if strong.size == 0:
             raise CompromiseError(
-                f"no design of the front has {force_n:g} N; the strongest has {front.values[:, 1].max():.4f} N"
+                f"no design of the front has {force_n:g} N; the largest force possible is "
+                f"{front.values[:, 1].max():.4f} N"
             )
         return int(strong[-1])
 

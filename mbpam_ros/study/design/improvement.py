@@ -38,7 +38,7 @@ def reference_design(a_mm: float, b_mm: float, tables: Sequence[Samples], respon
         DesignDomainError: the design is not among the samples and lies outside the metamodel's domain.
     """
     for table in tables:
-        found = table.at(a_mm, b_mm)
+        found = table.at(a_mm, b_mm, responses.domain)
         if found is not None:
             return Reference(a_mm, b_mm, *found, source="samples")
     theta, force = responses.objectives(np.array([[a_mm, b_mm]]))[0]

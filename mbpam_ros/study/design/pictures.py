@@ -112,9 +112,10 @@ def draw_uncertainty(uncertainty: UncertaintyMap, samples: Samples, path: Path) 
             where = samples.design_mm[sign]
             axis.scatter(*where.T, s=size[sign], color=colour, alpha=0.55, clip_on=False, zorder=3)
         axis.plot(*samples.design_mm.T, "k.", ms=4.0, clip_on=False, zorder=4)
-        rms = float(np.sqrt(np.mean(error**2)))
+        rms, covers = float(np.sqrt(np.mean(error**2))), uncertainty.coverage[key].covers
         axis.set_title(
-            f"{_RESPONSE_LABELS[key]}: left out, rms {rms:.3g}, worst {np.abs(error).max():.3g} {RESPONSES[key]}\n"
+            f"{_RESPONSE_LABELS[key]}: left out, rms {rms:.3g}, worst {np.abs(error).max():.3g} {RESPONSES[key]}; "
+            f"rms {uncertainty.coverage[key].rms_score:.1f} deviations{'' if covers else ', not covered'}\n"
             "discs: too much (red), too little (green)",
             fontsize=10,
             pad=12.0,

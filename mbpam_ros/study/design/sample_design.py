@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from mbpam_ros.actuator.metamodel import TRAINING_TABLE
 from mbpam_ros.configuration import ConfigError
+from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.design.latin_hypercube import (
     RANGES,
     SamplingError,
@@ -36,6 +37,8 @@ from mbpam_ros.study.result_file import ResultFileError, write_json, write_text
 VARIABLES = {"a,b": ("a_mm", "b_mm"), "a,b,c,n": ("a_mm", "b_mm", "c_mm", "n")}
 """What can be sampled, with the columns of the result."""
 
+_S_PER_DESIGN = 0.5
+
 _PLANE = VARIABLES["a,b"]
 
 
@@ -51,6 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     names = VARIABLES[options.variables]
     try:
+        announce(f"{options.restarts} designs of {options.count} points", _S_PER_DESIGN * max(options.restarts, 0))
         points = from_unit(optimal_latin_hypercube(options.count, len(names), options.seed, options.restarts), names)
         paper = Samples.of_the_paper(TRAINING_TABLE).design_mm
         figures = {

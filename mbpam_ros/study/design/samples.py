@@ -56,9 +56,9 @@ class Samples:
         """
         return DesignDomain.around(self.design_mm)
 
-    def at(self, a_mm: float, b_mm: float) -> tuple[float, float] | None:
-        """Return angle [deg] and force [N] of the design (a, b) if it is among the samples (to 1e-6 mm)."""
-        found = np.flatnonzero(np.abs(self.design_mm - [a_mm, b_mm]).max(axis=1) < 1e-6)
+    def at(self, a_mm: float, b_mm: float, domain: DesignDomain) -> tuple[float, float] | None:
+        """Return angle [deg] and force [N] of the design (a, b) if it is among the samples, by ``domain.same``."""
+        found = np.flatnonzero(domain.same(self.design_mm, [a_mm, b_mm]))
         if found.size == 0:
             return None
         return float(self.responses["theta_max"][found[0]]), float(self.responses["f_max"][found[0]])

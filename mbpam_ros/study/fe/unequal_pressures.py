@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.fe.design_run import Run, settings
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.fe.unit_cell import CellState, UnitCell
@@ -44,6 +45,7 @@ SHARES = (
 """Pressures of chambers 1 to 4 over the largest one."""
 
 _SMALL_ANGLE_RAD = 1e-3
+_S_PER_SET = 10.0
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=1, help="processes")
     options = parser.parse_args(arguments)
     run = Run(CellGeometry(), "psc")
+    announce(f"{len(SHARES)} sets of pressures", _S_PER_SET * len(SHARES) / max(options.workers, 1))
     with ProcessPoolExecutor(options.workers) as executor:
         futures = [executor.submit(unequal_rows, run, shares) for shares in SHARES]
         rows = []

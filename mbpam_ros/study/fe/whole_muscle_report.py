@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
 from mbpam_ros.study.fe.muscle_mesh import EndPieces
 from mbpam_ros.study.fe.plate_contact import STICKING, Plate
@@ -32,6 +33,7 @@ from mbpam_ros.study.fe.versions import library_versions
 from mbpam_ros.study.fe.whole_muscle import MuscleState, WholeMuscle
 from mbpam_ros.study.result_file import write_json
 
+_S_PER_MUSCLE = 200.0
 NOMINAL_MPA = 0.1
 PAPER_FRICTION = 0.6
 
@@ -278,7 +280,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw the muscles that the result holds")
     options = parser.parse_args(arguments)
     try:
-        result = run_studies(options.study or STUDIES, options.json, lambda text: print(text, flush=True))
+        studies = options.study or STUDIES
+        muscles = sum(len(STUDIES[study]()) for study in studies)
+        announce(f"{muscles} muscles, less those that {options.json} holds", _S_PER_MUSCLE * muscles)
+        result = run_studies(studies, options.json, lambda text: print(text, flush=True))
         if options.pictures:
             for path in draw(result["muscles"], options.pictures):
                 print(path)

@@ -26,12 +26,15 @@ from mbpam_ros.grasp.modes import load_modes
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.plant import Observation, build_plant
 from mbpam_ros.plant.scene import ALL_FINGERS, Scene, load_scene
+from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.fidelity.runs import TICK_S, proportional_spool
+from mbpam_ros.study.progress_bar import ProgressBar
 from mbpam_ros.vision.camera import load_camera_config
 from mbpam_ros.vision.render import Renderer, SceneView
 
 _DURATION_S, _REPEATS, _IMAGE_EVERY = 1.5, 5, 20
 _FLOOR_M = 0.5
+_S_PER_RUN = 0.3
 _HEAVY_MODULES = {
     "rod": "mbpam_ros.plant.moving",
     "static": "mbpam_ros.plant.static",
@@ -129,10 +132,14 @@ def imported_parts(scene: Scene) -> tuple[str, ...]:
 def main(_: Sequence[str] | None = None) -> int:
     """Print the table; return the exit status."""
     gripper, found = load_gripper(), variants()
+    progress = ProgressBar(sys.stderr)
+    announce(f"{len(found)} scenes, each {1 + _REPEATS} times", _S_PER_RUN * len(found) * (1 + _REPEATS))
+    progress.start(1 + _REPEATS, 0)
     costs: dict[str, list[float]] = {variant.what: [] for variant in found}
-    for _ in range(1 + _REPEATS):  # in turn, so that a busy machine is busy for all; the first compiles
+    for turn in range(1 + _REPEATS):  # in turn, so that a busy machine is busy for all; the first compiles
         for variant in found:
             costs[variant.what].append(cpu_ms_per_s(variant, gripper))
+        progress.job_ended("all scenes once more" if turn else "all scenes once, to compile")
     medians = {what: statistics.median(values[1:]) for what, values in costs.items()}
     print(f"{'differs in':<24}{'CPU [ms/s]':>11}{'over bare':>11}  imported")
     for variant in found:

@@ -23,6 +23,7 @@ from pathlib import Path
 from mbpam_ros.configuration import ConfigError, config_directory
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.fidelity import TABLE, FidelityTable, Measured
+from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.fidelity.boundary_value import BoundaryValueError, boundary_value_error_pct
 from mbpam_ros.study.fidelity.cases import Case, all_cases
 from mbpam_ros.study.fidelity.errors import errors
@@ -33,6 +34,7 @@ from mbpam_ros.study.progress_bar import ProgressBar
 from mbpam_ros.study.result_file import ResultFileError, write_json
 
 _ROUNDS = 3
+_S_PER_RUN = 0.3
 
 
 def reference_check(case: Case, reference: Record, gripper: Gripper) -> dict[str, float]:
@@ -90,7 +92,9 @@ def _trade(options: argparse.Namespace) -> int:
         for case in cases
     ]
     repeats = 1 if quick else options.rounds
-    progress.start(repeats * sum(map(len, grids)), 0)
+    runs = repeats * sum(map(len, grids))
+    announce(f"{runs} runs and {len(cases)} references", 30.0 if quick else 120.0 + _S_PER_RUN * runs, sys.stdout)
+    progress.start(runs, 0)
     rows, checks = [], {}
     for case, grid in zip(cases, grids, strict=True):
         progress.say(f"{case.name}: reference")

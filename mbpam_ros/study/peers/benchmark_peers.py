@@ -18,6 +18,7 @@ from pathlib import Path
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.tiers import PlantConfig
+from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.fidelity.boundary_value import BoundaryValueError
 from mbpam_ros.study.peers.grasp import GRASP_S, HELD_SHARE, LIFT_M, Grasp
 from mbpam_ros.study.peers.mujoco_model import (
@@ -33,6 +34,7 @@ from mbpam_ros.study.peers.own import OwnFreeBend, OwnGrasp, reference_tips
 from mbpam_ros.study.peers.problem import FingerProblem, PeerMissingError, ReferenceSolutionError, finger_problem
 from mbpam_ros.study.peers.pyelastica_model import PyelasticaFreeBend, load_pyelastica
 from mbpam_ros.study.peers.search import AccuracyError, Tried, cheapest, compare, cpu_ms_per_s, try_settings
+from mbpam_ros.study.progress_bar import ProgressBar
 from mbpam_ros.study.result_file import ResultFileError, write_json
 
 PRESSURE_PA, GRASP_SHARE = 100e3, 0.7
@@ -41,6 +43,7 @@ _FRICTION, _SLIPPERY = 0.6, 0.2
 _CONTACT_ELEMENTS, _CONTACT_MODES, _CONTACT_STEP_S, _CALL_S = 8, 3, 0.002, 0.010
 _CONTACT_INTEGRATORS = ("discrete", "implicitfast")
 _SINGLE_STEP_S = 0.001
+_FIXED_S, _S_PER_RUN = 45.0, 5.0
 _LIMITS = {"free_1pct": (1.0, 1.0), "free_0p1pct": (0.1, 0.2)}
 
 
@@ -51,7 +54,10 @@ def main(arguments: list[str] | None = None) -> int:
         load_mujoco()
         load_pyelastica()
         gripper, retardation = load_gripper(), load_config(PlantConfig, "plant.yaml").retardation_time_s
-        result = run(gripper, retardation, options.runs)
+        announce(f"six parts, {options.runs} runs of each pair", _FIXED_S + _S_PER_RUN * options.runs)
+        progress = ProgressBar(sys.stderr)
+        progress.start(6, 0)
+        result = run(gripper, retardation, options.runs, progress.job_ended)
         if options.json is not None:
             write_json(options.json, result)
     except (
@@ -68,8 +74,12 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def run(gripper: Gripper, retardation_s: float, runs: int) -> dict[str, object]:
+def run(
+    gripper: Gripper, retardation_s: float, runs: int, job_ended: Callable[[str], object] = str
+) -> dict[str, object]:
     """Return the ratios peer / ours and, under ``details``, all settings, errors and times.
+
+    ``job_ended`` is called after each of the six parts with a line about it.
 
     Raises:
         PeerMissingError: a simulator is not installed.
@@ -81,15 +91,20 @@ def run(gripper: Gripper, retardation_s: float, runs: int) -> dict[str, object]:
     reference, length = reference_tips(problem), problem.geometry.length_m
     own = try_settings(lambda **setting: OwnFreeBend(problem, **setting), own_settings(), reference, length)
     mujoco = try_settings(lambda **setting: MujocoFreeBend(problem, **setting), mujoco_settings(), reference, length)
+    job_ended("settings of ours and MuJoCo tried")
     details: dict[str, object] = {"conditions": _conditions(), "problem": _described(problem)}
     for name, limits in _LIMITS.items():
         details[name] = _free(cheapest(own, *limits), cheapest(mujoco, *limits), runs)
+        job_ended(name)
     details["single_call_1ms"] = _single_calls(problem, cheapest(own, 1.0, 1.0), cheapest(mujoco, 1.0, 1.0), runs)
+    job_ended("single_call_1ms")
     elastica = try_settings(
         lambda **setting: PyelasticaFreeBend(problem, **setting), pyelastica_settings(), reference, length
     )
     details["pyelastica_1pct"] = _free(cheapest(own, 1.0, float("inf")), cheapest(elastica, 1.0, float("inf")), runs)
+    job_ended("pyelastica_1pct")
     details["contact_equal_step"] = _contact(finger_problem(gripper, GRASP_SHARE * PRESSURE_PA, retardation_s), runs)
+    job_ended("contact_equal_step")
     names = (*_LIMITS, "contact_equal_step", "single_call_1ms", "pyelastica_1pct")
     return {**{name: details[name]["ratio"] for name in names}, "details": details}
 

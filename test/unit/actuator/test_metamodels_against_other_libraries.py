@@ -58,7 +58,7 @@ TREND_KERNELS = {
 @pytest.mark.parametrize("correlation", CORRELATIONS)
 def test_kriging_is_scikit_learns_gaussian_process_with_a_flat_prior_on_its_trend(response, trend, correlation):
     model = Kriging(trend, correlation, nugget=1e-4).fit(DESIGN, response)
-    sigma = math.sqrt(model._state.variance)
+    sigma = model._spread * math.sqrt(model._state.variance)
     kernel = correlation_kernel(correlation, model.length_scales) + TREND_KERNELS[trend]
     other = GaussianProcessRegressor(kernel, alpha=model.nugget, optimizer=None).fit(SCALED, response / sigma)
     mean, deviation = other.predict(SCALED_QUERY, return_std=True)
@@ -73,7 +73,7 @@ def test_the_likelihood_is_scikit_learns(response):
     state, count = model._state, len(response)
     kernel = ConstantKernel(state.variance) * RBF(model.length_scales)
     other = GaussianProcessRegressor(kernel, alpha=state.variance * model.nugget, optimizer=None)
-    other.fit(SCALED, response - state.trend_weights[0])
+    other.fit(SCALED, (response - response.mean()) / response.std() - state.trend_weights[0])
     loss, _ = model._likelihood_loss(np.log([*model.length_scales, model.nugget]))
     expected = -other.log_marginal_likelihood_value_ - 0.5 * count * (1.0 + math.log(2.0 * math.pi))
     assert loss == pytest.approx(expected, abs=1e-6)

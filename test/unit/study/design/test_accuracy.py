@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 
-from mbpam_ros.actuator.metamodel import PolynomialResponseSurface
-from mbpam_ros.study.design.accuracy import Accuracy, JudgingError, leave_one_out
-from mbpam_ros.study.design.samples import Samples
+from mbpam_ros.study.design.accuracy import Accuracy, Coverage, JudgingError
 
 
 def test_the_figures_of_a_case_by_hand():
@@ -24,10 +22,19 @@ def test_responses_that_do_not_vary_judge_nothing(expected):
         Accuracy.of(np.ones(len(expected)), np.array(expected))
 
 
-def test_leaving_out_is_the_known_formula_of_least_squares():
-    samples = Samples.of_the_paper("doe_training.csv")
-    theta = samples.responses["theta_max"]
-    basis = PolynomialResponseSurface._basis(samples.design_mm)
-    hat = basis @ np.linalg.pinv(basis)
-    expected = theta - (theta - hat @ theta) / (1.0 - np.diag(hat))
-    np.testing.assert_allclose(leave_one_out(PolynomialResponseSurface, samples.design_mm, theta), expected, rtol=1e-6)
+def test_an_honest_deviation_covers_and_one_too_small_does_not():
+    error = np.random.default_rng(2).normal(size=200)
+    honest, narrow = (Coverage.of(error, np.full(200, sigma), "left out") for sigma in (1.0, 1.0 / 3.0))
+    assert honest.covers and 0.9 < honest.rms_score < 1.1 and honest.text().endswith("it covers")
+    assert not narrow.covers and narrow.rms_score == pytest.approx(3.0 * honest.rms_score)
+    assert f"count on {narrow.rms_score:.1f} times as much" in narrow.text()
+
+
+def test_what_is_within_two_deviations_is_counted():
+    coverage = Coverage.of(np.array([0.1, -1.9, 2.1, 4.0]), np.array([1.0, 1.0, 1.0, 2.0]), "left out")
+    assert (coverage.within_two, coverage.count) == (3, 4)
+
+
+def test_few_errors_may_be_a_little_larger_than_their_deviation_and_many_may_not():
+    few, many = (Coverage.of(np.full(count, 1.2), np.ones(count), "left out") for count in (10, 1000))
+    assert few.covers and not many.covers

@@ -4,8 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbpam_ros.actuator.metamodel import GaussianRadialBasis, PolynomialResponseSurface
+from mbpam_ros.actuator.metamodel import GaussianRadialBasis, Kriging, PolynomialResponseSurface
 from mbpam_ros.configuration import ConfigError
+from mbpam_ros.study import announcement
 from mbpam_ros.study.design import compare_metamodels
 from mbpam_ros.study.design.accuracy import Accuracy
 from mbpam_ros.study.design.compare_metamodels import main, published_errors
@@ -57,7 +58,9 @@ def test_gaussians_of_no_width_have_the_papers_row(response):
     paper = np.array(list(published_errors()["RBF", response].values()))
     model = GaussianRadialBasis()
     model.fit(TRAINING.design_mm, TRAINING.responses[response])
-    deviation = TRAINING.responses[response] - TRAINING.responses[response].mean()
+    deviation = (TRAINING.responses[response] - TRAINING.responses[response].mean()) / TRAINING.responses[
+        response
+    ].std()
     nearest = np.inf
     for epsilon in np.geomspace(0.05, 10.0, 400):
         model.epsilon, model._weights = epsilon, np.linalg.solve(model._matrix(epsilon), deviation)
@@ -166,3 +169,37 @@ def test_what_cannot_be_compared_is_said_in_one_line(arguments, message, tmp_pat
     assert main([argument.format(**files) for argument in arguments]) == 1
     said = capsys.readouterr().err
     assert said.startswith("compare_metamodels: ") and message in said and said.count("\n") == 1
+
+
+def test_it_is_said_how_samples_were_held_back_and_whether_deviations_cover(capsys):
+    assert main(["--leave-one-out"]) == 0
+    said = capsys.readouterr()
+    assert "held back: closed form, as refits give (PRS, RBF)" in said.out
+    assert "held back: refits (KRG, RBF_GAUSSIAN, KRG_NUGGET)" in said.out
+    verdicts = [line for line in said.out.splitlines() if "times sigma" in line]
+    assert len(verdicts) == 4 and verdicts[0].startswith("  KRG ") and "do not trust it" in verdicts[0]
+    assert said.err == ""
+
+
+def test_many_samples_are_announced_and_judged_without_refits(tmp_path, monkeypatch, capsys):
+    design = np.random.default_rng(6).uniform([1.5, 1.0], [3.5, 3.0], size=(60, 2))
+    a, b = design.T
+    samples = Samples(design, {"theta_max": 100.0 * np.sin(a) + 10.0 * b**2, "f_max": np.exp(0.3 * b) / a})
+    fits, fit = [], Kriging._fit
+    monkeypatch.setattr(Kriging, "_fit", lambda self: (fits.append(self), fit(self)))
+    monkeypatch.setattr(announcement, "PATIENCE_S", 1.0)
+    assert main(["--training", write_csv(tmp_path / "many.csv", samples)]) == 0
+    said = capsys.readouterr()
+    assert said.err.startswith("5 metamodels of 60 samples, judged by leaving each out: takes about ")
+    assert "[5/5] KRG_NUGGET fitted and judged" in said.err
+    assert "closed form, with length scales, nugget and variance of all samples (KRG, KRG_NUGGET)" in said.out
+    assert len(fits) <= 2 * 2 * (1 + 3)  # once, and three times more to be timed where a fit is quick
+
+
+def test_the_same_design_twice_is_refused_in_one_line(tmp_path, capsys):
+    rows = np.r_[np.arange(21), 5]
+    design = TRAINING.design_mm[rows] + np.where(np.arange(22) == 21, 1e-8, 0.0)[:, None]
+    twice = Samples(design, {key: values[rows] + (np.arange(22) == 21) for key, values in TRAINING.responses.items()})
+    assert main(["--training", write_csv(tmp_path / "twice.csv", twice)]) == 1
+    said = capsys.readouterr().err
+    assert "samples 6 and 22 have the same design" in said and said.count("\n") == 1

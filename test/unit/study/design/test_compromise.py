@@ -34,5 +34,11 @@ def test_weights_that_weigh_nothing_are_refused(weights):
 def test_a_required_force_takes_the_largest_angle_that_has_it():
     assert required_force(0.6)(FRONT) == 3
     assert required_force(0.0)(FRONT) == 4
-    with pytest.raises(CompromiseError, match="strongest has 0.7000 N"):
+    with pytest.raises(CompromiseError, match="largest force possible is 0.7000 N"):
         required_force(0.71)(FRONT)
+
+
+@pytest.mark.parametrize("force", [float("nan"), float("inf"), -0.1])
+def test_a_required_force_that_is_none_is_refused(force):
+    with pytest.raises(CompromiseError, match="a number that is not negative"):
+        required_force(force)

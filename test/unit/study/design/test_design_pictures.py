@@ -8,6 +8,7 @@ import pytest
 
 from mbpam_ros.actuator.metamodel import PolynomialResponseSurface
 from mbpam_ros.study.design import pictures
+from mbpam_ros.study.design.accuracy import Coverage
 from mbpam_ros.study.design.comparison import judge
 from mbpam_ros.study.design.pareto import grid_front
 from mbpam_ros.study.design.pictures import (
@@ -46,8 +47,13 @@ def test_each_picture_is_drawn(tmp_path):
     axis = np.linspace(1.5, 3.5, 5)
     sigma = np.add.outer(axis, axis)
     errors = np.linspace(-1.0, 1.0, 21)
+    coverage = Coverage.of(errors, np.ones(21), "left out")
     uncertainty = UncertaintyMap(
-        axis, axis - 0.5, {"theta_max": sigma, "f_max": sigma}, {"theta_max": errors, "f_max": errors}
+        axis,
+        axis - 0.5,
+        {"theta_max": sigma, "f_max": sigma},
+        {"theta_max": errors, "f_max": errors},
+        {"theta_max": coverage, "f_max": coverage},
     )
     draw_uncertainty(uncertainty, SAMPLES, tmp_path / "map.png")
     assert_drawn(tmp_path / "map.png")

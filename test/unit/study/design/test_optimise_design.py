@@ -3,7 +3,9 @@ import json
 import numpy as np
 import pytest
 
+from mbpam_ros.actuator.metamodel import METAMODELS
 from mbpam_ros.actuator.named_designs import load_kept_designs
+from mbpam_ros.study import announcement
 from mbpam_ros.study.design import optimise_design
 from mbpam_ros.study.design.improvement import gains, reference_design
 from mbpam_ros.study.design.optimise_design import Run, check_table_5, main
@@ -115,7 +117,7 @@ def test_a_run_that_covers_too_little_fails_the_command(monkeypatch, capsys, tmp
         return Run(algorithm, seed, 3, truth, 0.9)
 
     monkeypatch.setattr(optimise_design, "optimise", lame)
-    monkeypatch.setattr(optimise_design, "gains_by_metamodel", lambda samples, initial: {})
+    monkeypatch.setattr(optimise_design, "gains_by_metamodel", lambda samples, initial, job_ended: {})
     path = tmp_path / "lame.json"
     assert main(["--algorithms", "mopso", "--json", str(path)]) == 1
     assert "mopso with seed 0 covers 0.9000" in capsys.readouterr().err
@@ -147,3 +149,41 @@ def test_what_cannot_be_optimised_is_said_in_one_line(arguments, message, tmp_pa
 def test_options_that_mean_nothing_are_refused(arguments):
     with pytest.raises(SystemExit, match="2"):
         main(arguments)
+
+
+def test_a_force_that_no_design_has_is_refused_before_anything_is_optimised(monkeypatch, capsys):
+    monkeypatch.setattr(optimise_design, "optimise", lambda *_: pytest.fail("optimised"))
+    assert main(["--required-force", "0.75", "--algorithms", "mopso", "--seeds", "1"]) == 1
+    truth = grid_front(published_responses().objectives, published_responses().domain)
+    assert f"the largest force possible is {truth.values[:, 1].max():.4f} N" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("metamodel", METAMODELS)
+def test_samples_on_a_line_have_no_optimum(metamodel, tmp_path, capsys):
+    a = np.linspace(10.0, 20.0, 15)
+    rows = np.column_stack([a, 30.0 - a, 100.0 + a**1.5, 1.0 / a])
+    path = tmp_path / "line.csv"
+    np.savetxt(path, rows, delimiter=",", header="a_mm,b_mm,theta_max_deg,f_max_n", comments="")
+    assert main(["--training", str(path), "--metamodel", metamodel, "--algorithms", "mopso", "--seeds", "1"]) == 1
+    assert "nothing is known in direction (0.707, 0.707)" in capsys.readouterr().err
+
+
+def test_beside_a_deviation_stands_whether_it_covers(written):
+    coverage = written["chosen"]["sigma_coverage"]
+    assert not coverage["theta_max"]["covers"] and coverage["theta_max"]["rms_score"] > 1.5
+    assert coverage["theta_max"]["within_two"] < 19 and coverage["theta_max"]["count"] == 21
+    assert f"count on {coverage['theta_max']['rms_score']:.1f} times" in written["chosen"]["sigma_verdict"]["theta_max"]
+
+
+def test_a_long_command_says_so_before_and_counts_its_jobs(monkeypatch, capsys):
+    monkeypatch.setattr(announcement, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(optimise_design, "gains_by_metamodel", lambda samples, initial, job_ended: {})
+    assert main(["--algorithms", "mopso", "--seeds", "2"]) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert said[0].startswith("2 optimisations, 21 samples: takes about ")
+    assert said[1:] == [
+        "[1/9] front of the grid",
+        "[2/9] mopso, seed 0",
+        "[3/9] mopso, seed 1",
+        "[4/9] deviation by kriging",
+    ]
