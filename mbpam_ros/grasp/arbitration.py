@@ -256,6 +256,7 @@ class Arbiter:
         self._touching = False
         self._touched_at_s = -math.inf
         self._unhealthy: dict[str, str] = {}
+        self._late_s, self._late_until_s = 0.0, -math.inf
         self._situation = _OPEN
         self._informed = False
         self._since_s = 0.0
@@ -307,6 +308,11 @@ class Arbiter:
         self._advance(time_s)
         self._touching = touching
         self._touched_at_s = self._time_s
+
+    def observe_lateness(self, time_s: float, late_s: float) -> None:
+        """Take for how long the computer held up this process [s]. It is named where readings stay out, not more."""
+        self._advance(time_s)
+        self._late_s, self._late_until_s = late_s, self._time_s + self._config.pressure_stale_s
 
     # Requests
 
@@ -499,7 +505,10 @@ class Arbiter:
         stale = self._time_s - self._valid_at_s > self._config.pressure_stale_s
         if not stale.any():
             return None
-        return f"no valid pressure reading for more than {self._config.pressure_stale_s:g} s from {_channels(stale)}"
+        late = f"this computer ran {1e3 * self._late_s:.0f} ms late: " if self._time_s <= self._late_until_s else ""
+        return (
+            f"{late}no valid pressure reading for more than {self._config.pressure_stale_s:g} s from {_channels(stale)}"
+        )
 
     def _readings(self, channels: NDArray[np.bool_]) -> str:
         return ", ".join(

@@ -111,6 +111,8 @@ class GraspArbiterNode(GripperNode):
         for source, reported_s in self._reported_s.items():
             if now_s - reported_s > SILENCE_S:
                 self._arbiter.observe_health(now_s, source, False, f"no health report for {SILENCE_S:g} s")
+        if (late_s := self.late_s()) > 0.0:
+            self._arbiter.observe_lateness(now_s, late_s)
         self._decision = self._arbiter.tick(now_s)
         if not self._decision.changed:
             return

@@ -25,6 +25,7 @@ from rclpy.timer import Timer
 
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.nodes.exit_timer import exits_after
+from mbpam_ros.nodes.lateness import Lateness
 from mbpam_ros.nodes.messages import time_stamp
 from mbpam_ros.nodes.parameters import Parameter, declare_parameters
 
@@ -51,6 +52,12 @@ callbacks for ever, at full load and with the interpreter locked (as in its issu
 WARNING_PERIOD_S = 1.0
 
 CLOCK_PATIENCE_S = 5.0
+
+LATENESS_PERIOD_S = 0.05
+LATENESS_MEMORY_S = 1.0
+
+LATE_S = 0.1
+"""A process that was held up for longer says so beside what it reports: valves and sensor time out at twice this."""
 
 
 @dataclass
@@ -84,10 +91,17 @@ class GripperNode(Node):
         self._judged: Hashable = None
         self._warned_at: dict[str, float] = {}
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._lateness = Lateness(LATENESS_PERIOD_S, LATENESS_MEMORY_S)
         self.create_timer(1.0, self.publish_health)
-        if self.value("use_sim_time"):
+        if self.value("use_sim_time"):  # then time waits for the computer
             self.create_timer(
                 CLOCK_PATIENCE_S, self._warn_of_missing_clock, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            )
+        else:
+            self.create_timer(
+                LATENESS_PERIOD_S,
+                lambda: self._lateness.call(time.monotonic()),
+                clock=Clock(clock_type=ClockType.STEADY_TIME),
             )
 
     @abstractmethod
@@ -121,6 +135,11 @@ class GripperNode(Node):
         # The wall clock read here costs a fifth of asking ROS for it.
         return self.get_clock().now().to_msg() if self.value("use_sim_time") else time_stamp(time.time())
 
+    def late_s(self) -> float:
+        """Return for how long this process was held up within the last second [s]; 0 for less than is worth a word."""
+        worst_s = self._lateness.worst_s(time.monotonic())
+        return worst_s if worst_s > LATE_S else 0.0
+
     def refuse(self, source: str, error: object) -> None:
         """Count an input that was not applied and warn about its source at most once a second."""
         self.refused_inputs += 1
@@ -142,10 +161,15 @@ class GripperNode(Node):
         health = Health(DiagnosticStatus.ERROR, self.failure) if self.failure else self.health()
         self._reported_level, self._judged = health.level, None
         values = {**health.values, "refused_inputs": str(self.refused_inputs)}
+        message, late_s = health.message, self.late_s()
+        if late_s > 0.0:
+            values["late_ms"] = f"{1e3 * late_s:.0f}"
+            if health.level != DiagnosticStatus.OK:
+                message = f"this computer ran {1e3 * late_s:.0f} ms late: {message}"
         status = DiagnosticStatus(
             level=health.level,
             name=self.get_fully_qualified_name(),
-            message=health.message,
+            message=message,
             hardware_id=self.get_namespace().strip("/") or "gripper",
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )

@@ -1,6 +1,7 @@
 """The pressure sensor's promises on its topics and services."""
 
 import math
+import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.qos import qos_profile_sensor_data
@@ -111,6 +112,22 @@ def test_silence_of_the_transducers_becomes_nan(graph):
     publisher.publish(volts([VENTED_V] * 16))
     graph.spin_until(lambda: len(states) > 1, "a report of silence")
     assert all(math.isnan(value) for value in states[-1].effort)
+
+
+def test_silence_while_the_computer_is_held_up_is_laid_to_the_computer(graph):
+    sensor = graph.add(PressureSensorNode)
+    reports = graph.listen(DiagnosticArray, "/diagnostics")
+    publisher = graph.publisher(JointState, "transducers")
+    graph.spin_until(lambda: reports, "a report, once a second")
+    publisher.publish(volts([VENTED_V] * 16))
+    graph.spin_until(lambda: reports[-1].status[0].level == DiagnosticStatus.OK, "health")
+    assert sensor.late_s() == 0.0
+    resumed_s = time.monotonic() + 0.4
+    while time.monotonic() < resumed_s:  # nothing spins: the computer does something else
+        pass
+    graph.spin_until(lambda: reports[-1].status[0].level == DiagnosticStatus.ERROR, "the silence")
+    message = reports[-1].status[0].message
+    assert message.startswith("this computer ran 3") and "ms late: no valid reading from 16 of 16" in message
 
 
 def test_malformed_voltages_are_refused_and_the_node_goes_on(graph):

@@ -21,10 +21,12 @@ from concurrent.futures import BrokenExecutor, Executor
 from pathlib import Path
 from typing import NoReturn
 
+from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.fe.ablations import SPREAD_POINTS, ablations
 from mbpam_ros.study.fe.design_run import MESHES, NO_EQUILIBRIUM, Run, bend_curve
 from mbpam_ros.study.fe.effects import effects
 from mbpam_ros.study.fe.executors import LOCAL_CLUSTER, ExecutorError, open_executor
+from mbpam_ros.study.fe.job_queue import S_PER_JOB
 from mbpam_ros.study.fe.law_table import law_table
 from mbpam_ros.study.fe.mesh import PATTERNS, CellGeometry
 from mbpam_ros.study.fe.paper_comparison import (
@@ -85,6 +87,7 @@ def _run(
 
 
 def _curve(path: Path, run: Run, executor: Executor, progress: ProgressBar) -> int:
+    announce("one bend curve", S_PER_JOB)
     begun_s = time.monotonic()
     curve = executor.submit(bend_curve, run, CURVE_KPA).result()
     write_json(path, curve)

@@ -7,11 +7,15 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from pathlib import Path
 
+from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.fe.design_run import NO_EQUILIBRIUM
 from mbpam_ros.study.progress_bar import ProgressBar
 from mbpam_ros.study.result_file import ResultFileError, write_json
 
 REDRAW_S = 1.0
+
+S_PER_JOB = 20.0
+"""CPU of a bend curve with the default mesh; 20-node elements take several times as long."""
 
 
 class ResultFile:
@@ -79,6 +83,7 @@ def run_jobs(
     if results.other_settings:
         progress.say(f"{results.path} was made with other settings or versions: all jobs are run anew")
     missing = [name for name in order if name not in results.rows]
+    announce(f"{len(missing)} jobs on one core (the workers share them)", S_PER_JOB * len(missing))
     progress.start(len(order), len(order) - len(missing))
     failures: dict[str, str] = {}
     futures: dict[Future, str] = {}

@@ -26,6 +26,7 @@ from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
 from mbpam_ros.plant.tiers import PlantDivergedError, TierError
+from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.grasp.least_pressure import LeastPressure, least_pressure
 from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S, Trial, run_trial, with_changes
 from mbpam_ros.study.progress_bar import ProgressBar
@@ -36,6 +37,9 @@ NOMINAL_PA = 100e3
 
 SLIPPERY = 0.05
 """Coefficient of friction that leaves next to nothing of friction, as of ice on steel."""
+
+_S_PER_STUDY = {"arc": 25.0, "rod": 40.0}
+"""CPU of one object with one design, by tier."""
 
 LEAST_PA, STEP_PA, RESOLUTION_PA = 40e3, 10e3, 1e3
 
@@ -202,7 +206,11 @@ def _run(options: argparse.Namespace) -> None:
     grippers = {name: replace(gripper, design=load_design(name)) for name in options.design}
     scenes = [_scene(name, options.tier) for name in options.objects]
     progress = ProgressBar()
-    progress.say(f"{len(scenes)} objects, {len(grippers)} designs, tier {options.tier}: 20 to 30 grasps each")
+    announce(
+        f"{len(scenes)} objects, {len(grippers)} designs, tier {options.tier}, 20 to 30 grasps each",
+        _S_PER_STUDY[options.tier] * len(scenes) * len(grippers),
+        sys.stdout,
+    )
     progress.start(len(scenes) * len(grippers), 0)
     rows = []
     started_s = time.monotonic()

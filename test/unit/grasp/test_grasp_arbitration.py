@@ -285,6 +285,29 @@ def test_stale_pressures_while_closing_are_a_fault_that_vents():
     assert decision.reason == "no valid pressure reading for more than 0.3 s from any of the 16 channels"
 
 
+def test_readings_that_stay_out_while_the_computer_is_held_up_are_laid_to_the_computer():
+    bench = closing()
+    bench.run(TIMES.pressure_stale_s - 2 * DT_S, None)
+    bench.arbiter.observe_lateness(bench.time_s, 0.26)
+    decision = bench.run(4 * DT_S, None)
+    assert (decision.phase, decision.air) == (Phase.FAULT, Air.VENT)
+    assert decision.reason.startswith("this computer ran 260 ms late: no valid pressure reading for more than 0.3 s")
+
+
+def test_a_computer_held_up_before_the_readings_stayed_out_is_not_blamed():
+    bench = closing()
+    bench.arbiter.observe_lateness(bench.time_s, 0.26)
+    bench.run(DT_S)
+    decision = bench.run(TIMES.pressure_stale_s + 2 * DT_S, None)
+    assert decision.reason.startswith("no valid pressure reading")
+
+
+def test_lateness_alone_is_no_fault():
+    bench = closing()
+    bench.arbiter.observe_lateness(bench.time_s, 5.0)
+    assert bench.run(DT_S).phase is Phase.CLOSING
+
+
 def test_a_reported_fault_while_closing_vents():
     bench = closing()
     bench.health("valve_controller", False, "valve 3 does not answer")
