@@ -46,8 +46,11 @@ PARAMETERS = (
     Parameter("command_timeout_s", 0.03, "valves close when no command came for this long [s]", 0.02, 60.0),
     Parameter("publish_clock", False, "publish simulated time on /clock"),
     Parameter("lock_step", False, "with publish_clock: tick as soon as the valves have answered the last tick"),
-    Parameter("lock_step_timeout_s", 0.5, "lock step: tick anyway after this long [wall s]", 0.01, 60.0),
+    Parameter("lock_step_timeout_s", 0.5, "lock step: tick after this long if no valves answer [wall s]", 0.01, 60.0),
 )
+
+LOCK_STEP_PATIENCE_S = 30.0
+"""In lock step, valves that have answered are waited for by the wall clock at most this long."""
 
 SLOW_FACTOR = 0.95
 """Below this part of real time the health report warns."""
@@ -78,6 +81,7 @@ class PlantNode(GripperNode):
         self._rate_since = (time.monotonic(), 0)
         self._real_time_factor = 1.0
 
+        self._lock_step = bool(self.value("lock_step"))
         self._camera = PlantCamera(self, self._gripper, self._scene) if self.value("camera_rate_hz") > 0.0 else None
         self._camera_every = max(1, round(self.value("rate_hz") / max(self.value("camera_rate_hz"), 1e-3)))
         self._markers_every = max(1, round(self.value("rate_hz") / self.value("marker_rate_hz")))
@@ -85,12 +89,14 @@ class PlantNode(GripperNode):
         self._volts = JointStateForm(CHANNEL_NAMES)
         self._markers = self.create_publisher(MarkerArray, "plant/finger_markers", STREAM)
         self._clock_topic = self.create_publisher(Clock, "/clock", STREAM) if self.value("publish_clock") else None
-        self.create_subscription(JointState, "valve_commands", self._on_valve_commands, NEWEST)
+        commands_qos = STREAM if self._lock_step else NEWEST
+        self.create_subscription(JointState, "valve_commands", self._on_valve_commands, commands_qos)
         self.create_service(Trigger, "plant/reset", self._on_reset)
         self.create_service(Trigger, "plant/lift", lambda _, response: _answer(response, self._plant.lift()))
         self.create_service(Trigger, "plant/lower", lambda _, response: _answer(response, self._plant.lower()))
-        self._lock_step = bool(self.value("lock_step"))
         self._ticks_at_timer = -1
+        self._ticked_at_s = time.monotonic()
+        self._answering: tuple[int, int] | None = None
         period_s = self.value("lock_step_timeout_s") if self._lock_step else self._dt_s
         self.create_timer(period_s, self._on_timer, clock=RosClock(clock_type=ClockType.STEADY_TIME))
 
@@ -142,10 +148,26 @@ class PlantNode(GripperNode):
     # Ticks
 
     def _on_timer(self) -> None:
-        """Tick; in lock step only if nothing has ticked since the last time-out."""
-        if not self._lock_step or self._ticks == self._ticks_at_timer:
+        """Tick; in lock step only if nothing has ticked since the last time-out and nobody is going to answer."""
+        if not self._lock_step or (self._ticks == self._ticks_at_timer and not self._answer_comes()):
             self._tick()
         self._ticks_at_timer = self._ticks
+
+    def _answer_comes(self) -> bool:
+        """Return whether those who answered before still will: a slow computer must not change what comes out."""
+        if self._answering != self._ends_of_the_loop():
+            return False
+        waited_s = time.monotonic() - self._ticked_at_s
+        if waited_s <= LOCK_STEP_PATIENCE_S:
+            return True
+        self.get_logger().warning(
+            f"lock step: no valve command for {waited_s:.0f} s; the plant ticks on, and this run will not repeat"
+        )
+        return False
+
+    def _ends_of_the_loop(self) -> tuple[int, int]:
+        """Return how many listen to the transducers, and how many command the valves."""
+        return self._transducers.get_subscription_count(), self.count_publishers("valve_commands")
 
     def _on_valve_commands(self, message: JointState) -> None:
         try:
@@ -157,6 +179,7 @@ class PlantNode(GripperNode):
             return
         self._spool, self._commanded_at_s = spool, self._time_s()
         if self._lock_step and message.header.stamp == self._stamp:
+            self._answering = self._ends_of_the_loop()
             self._tick()
 
     def _tick(self) -> None:
@@ -169,7 +192,7 @@ class PlantNode(GripperNode):
         except PlantDivergedError as error:
             self.fail(error)
             return
-        self._ticks += 1
+        self._ticks, self._ticked_at_s = self._ticks + 1, time.monotonic()
         self._publish_tick()
 
     def _publish_tick(self) -> None:

@@ -1,6 +1,7 @@
 """The simulated plant's promises on its topics and services."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -58,8 +59,9 @@ class PlantInLockStep:
     def __init__(self, graph, opening=lambda time_s: np.zeros(16), **parameters):
         self.graph = graph
         self.opening = opening
+        self.answers = True
         self.transducers = []
-        graph.test_node.create_subscription(JointState, "transducers", self._answer, 10)
+        graph.test_node.create_subscription(JointState, "transducers", self._on_transducers, 10)
         self.clock = graph.listen(Clock, "/clock")
         self.truth = graph.listen(MarkerArray, "plant/finger_markers")
         self.node = graph.add(
@@ -68,8 +70,12 @@ class PlantInLockStep:
         )
         self.commands = graph.publisher(JointState, "valve_commands")
 
-    def _answer(self, message):
+    def _on_transducers(self, message):
         self.transducers.append(message)
+        if self.answers:
+            self.answer(message)
+
+    def answer(self, message):
         self.commands.publish(command(self.opening(seconds(message.header.stamp)), message.header.stamp))
 
     @property
@@ -159,6 +165,28 @@ def test_lock_step_goes_on_without_an_answer_and_reports_that_it_is_slow(graph):
     graph.spin_until(lambda: reports, "a report")
     assert "slower than real time" in reports[-1].status[0].message
     assert reports[-1].status[0].level == DiagnosticStatus.WARN
+
+
+def test_in_lock_step_valves_that_have_answered_are_waited_for_however_slow_they_are(graph):
+    plant = PlantInLockStep(graph, lock_step_timeout_s=0.05)
+    plant.run_until(0.1)
+    plant.answers = False
+    answered = len(plant.transducers)
+    graph.spin_until(lambda: len(plant.transducers) > answered, "the tick that the last answer made")
+    late_s = time.monotonic() + 0.5
+    graph.spin_until(lambda: time.monotonic() > late_s, "ten time-outs")
+    assert len(plant.transducers) == answered + 1
+    plant.answer(plant.transducers[-1])
+    plant.answers = True
+    plant.run_until(plant.time_s + 0.1)
+
+
+def test_in_lock_step_the_plant_ticks_on_without_valves_that_have_left(graph):
+    plant = PlantInLockStep(graph, lock_step_timeout_s=0.05)
+    plant.run_until(0.1)
+    plant.answers = False
+    graph.test_node.destroy_publisher(plant.commands)
+    plant.run_until(plant.time_s + 0.1)
 
 
 def test_valves_close_when_commands_stop(graph):
