@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from mbpam_ros.nodes.runtime import LATCHED, STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, run  # isort: skip
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
@@ -67,7 +67,7 @@ class GraspArbiterNode(GripperNode):
         self._setpoints = self.create_publisher(JointState, "pressure_setpoints", STREAM)
         self._state = self.create_publisher(DiagnosticStatus, "grasp_state", LATCHED)
         self._pose = self.create_publisher(PoseStamped, "grasp_pose", LATCHED)
-        self.create_subscription(JointState, "chamber_states", self._on_chamber_states, self.stream_qos)
+        self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
         self.create_subscription(MarkerArray, "detections", self._on_detections, STREAM)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 20)
         for mode in MODE_NAMES:

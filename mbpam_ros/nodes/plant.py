@@ -49,8 +49,9 @@ PARAMETERS = (
     Parameter("lock_step_timeout_s", 0.5, "lock step: tick after this long if no valves answer [wall s]", 0.01, 60.0),
 )
 
-LOCK_STEP_PATIENCE_S = 30.0
-"""In lock step, valves that have answered are waited for by the wall clock at most this long."""
+LOCK_STEP_PATIENCE_S = 10.0
+"""In lock step, valves that have answered before are waited for at most this long by the wall clock: on a slow computer
+they still answer, but a sample may be lost between processes."""
 
 SLOW_FACTOR = 0.95
 """Below this part of real time the health report warns."""
@@ -81,7 +82,6 @@ class PlantNode(GripperNode):
         self._rate_since = (time.monotonic(), 0)
         self._real_time_factor = 1.0
 
-        self._lock_step = bool(self.value("lock_step"))
         self._camera = PlantCamera(self, self._gripper, self._scene) if self.value("camera_rate_hz") > 0.0 else None
         self._camera_every = max(1, round(self.value("rate_hz") / max(self.value("camera_rate_hz"), 1e-3)))
         self._markers_every = max(1, round(self.value("rate_hz") / self.value("marker_rate_hz")))
@@ -89,11 +89,11 @@ class PlantNode(GripperNode):
         self._volts = JointStateForm(CHANNEL_NAMES)
         self._markers = self.create_publisher(MarkerArray, "plant/finger_markers", STREAM)
         self._clock_topic = self.create_publisher(Clock, "/clock", STREAM) if self.value("publish_clock") else None
-        commands_qos = STREAM if self._lock_step else NEWEST
-        self.create_subscription(JointState, "valve_commands", self._on_valve_commands, commands_qos)
+        self.create_subscription(JointState, "valve_commands", self._on_valve_commands, NEWEST)
         self.create_service(Trigger, "plant/reset", self._on_reset)
         self.create_service(Trigger, "plant/lift", lambda _, response: _answer(response, self._plant.lift()))
         self.create_service(Trigger, "plant/lower", lambda _, response: _answer(response, self._plant.lower()))
+        self._lock_step = bool(self.value("lock_step"))
         self._ticks_at_timer = -1
         self._ticked_at_s = time.monotonic()
         self._answering: tuple[int, int] | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 
-from mbpam_ros.nodes.runtime import STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, run  # isort: skip
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import FluidPressure, JointState
 from std_srvs.srv import Trigger
@@ -44,7 +44,7 @@ class PressureSensorNode(GripperNode):
         self._states = self.create_publisher(JointState, "chamber_states", STREAM)
         self._pressures = JointStateForm(CHANNEL_NAMES)
         self._fluid = [self.create_publisher(FluidPressure, topic, STREAM) for topic in _fluid_topics()]
-        self.create_subscription(JointState, "transducers", self._on_transducers, self.stream_qos)
+        self.create_subscription(JointState, "transducers", self._on_transducers, NEWEST)
         self.create_service(Trigger, "pressure_sensor/zero", self._on_zero)
         self.create_timer(1.0 / self.value("fluid_pressure_rate_hz"), self._publish_fluid_pressures)
         self.create_timer(self._missing_time_s, self._on_silence)

@@ -34,7 +34,7 @@ STREAM = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 of which each one counts."""
 
 NEWEST = qos_profile_sensor_data
-"""For subscriptions to the 100 Hz streams in real time: the next sample is worth more than a late one."""
+"""For subscriptions to the 100 Hz streams: the next sample is worth more than a late one."""
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For a state that a late subscriber must see."""
@@ -124,11 +124,6 @@ class GripperNode(Node):
 
         call.__signature__ = inspect.signature(call)
         return super().create_timer(period_s, call, **options)
-
-    @property
-    def stream_qos(self) -> QoSProfile:
-        """How to subscribe to a 100 Hz stream: on simulated time every sample counts: time may wait for its answer."""
-        return STREAM if self.value("use_sim_time") else NEWEST
 
     def now_s(self) -> float:
         """Return the node's time [s], for how old something is: simulated under ``use_sim_time``, else a clock that

@@ -6,7 +6,7 @@ import math
 import sys
 from dataclasses import replace
 
-from mbpam_ros.nodes.runtime import STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, run  # isort: skip
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -59,7 +59,7 @@ class StateEstimatorNode(GripperNode):
         self._forces = self.create_publisher(JointState, "finger_forces", STREAM)
         self._markers = self.create_publisher(MarkerArray, "finger_markers", STREAM)
         self._bends, self._tip_forces = JointStateForm(BEND_NAMES), JointStateForm(FINGER_NAMES)
-        self.create_subscription(JointState, "chamber_states", self._on_chamber_states, self.stream_qos)
+        self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
         self.create_timer(1.0 / self.value("marker_rate_hz"), self._publish_markers)
 
     def health(self) -> Health:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from mbpam_ros.nodes.runtime import LATCHED, STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, run  # isort: skip
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
@@ -48,7 +48,7 @@ class ValveControllerNode(GripperNode):
 
         self._commands = self.create_publisher(JointState, "valve_commands", STREAM)
         self._openings = JointStateForm(CHANNEL_NAMES)
-        self.create_subscription(JointState, "chamber_states", self._on_chamber_states, self.stream_qos)
+        self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
         self.create_subscription(JointState, "pressure_setpoints", self._on_setpoints, STREAM)
         self.create_subscription(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
         self.create_service(SetBool, "valve_controller/enable", self._on_enable)
