@@ -87,7 +87,7 @@ def _run(
 
 
 def _curve(path: Path, run: Run, executor: Executor, progress: ProgressBar) -> int:
-    announce("one bend curve", S_PER_JOB)
+    announce("one bend curve", S_PER_JOB, sys.stdout)
     begun_s = time.monotonic()
     curve = executor.submit(bend_curve, run, CURVE_KPA).result()
     write_json(path, curve)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from pathlib import Path
@@ -83,7 +84,7 @@ def run_jobs(
     if results.other_settings:
         progress.say(f"{results.path} was made with other settings or versions: all jobs are run anew")
     missing = [name for name in order if name not in results.rows]
-    announce(f"{len(missing)} jobs on one core (the workers share them)", S_PER_JOB * len(missing))
+    announce(f"{len(missing)} jobs on one core (the workers share them)", S_PER_JOB * len(missing), sys.stdout)
     progress.start(len(order), len(order) - len(missing))
     failures: dict[str, str] = {}
     futures: dict[Future, str] = {}
