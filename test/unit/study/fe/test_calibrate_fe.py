@@ -106,6 +106,7 @@ def test_an_interrupt_keeps_what_is_finished_and_the_same_command_goes_on(tmp_pa
         start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # ignored where the tests run in a background
     )
+    assert "3 jobs" in run.stdout.readline()  # what it costs, said beforehand
     assert run.stdout.readline().startswith("[1/3]")
     os.killpg(run.pid, signal.SIGINT)  # as a terminal does: the workers get it too
     _, said = run.communicate(timeout=30)
