@@ -38,9 +38,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
+from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import load_config, require_positive
 from mbpam_ros.grasp.modes import MODE_NAMES, GraspMode
 from mbpam_ros.grasp.selection import DetectedObject, GraspChoice, ModeSelector, Refusal, SelectionConfig, WristPose
+from mbpam_ros.pneumatics.air_switch import Air
 
 
 class Phase(Enum):
@@ -60,17 +62,6 @@ class Source(IntEnum):
     CAMERA = 1
     OPERATOR = 2
     SAFETY = 3
-
-
-class Air(Enum):
-    """What the valves have to do with the set-points."""
-
-    REGULATE = "regulate"
-    """Follow the set-points."""
-    HOLD = "hold"
-    """Close all valves; the set-points stay as they were."""
-    VENT = "vent"
-    """Vent at once, without any rate limit; all set-points are zero. Only a fault does this."""
 
 
 class Contact(Enum):
@@ -145,14 +136,6 @@ def load_grasp_config(name: str | Path = "grasp.yaml") -> GraspConfig:
         ConfigError: wrong keys or values.
     """
     return load_config(GraspConfig, name)
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Answer to a request: whether it was accepted, and why or why not."""
-
-    accepted: bool
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -264,6 +247,11 @@ class Arbiter:
         self._was_settled = False
         self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
         self._last: tuple[_Situation, Contact, bool] | None = None
+
+    @property
+    def phase(self) -> Phase:
+        """Where the grasp stands after the last observation, request or tick."""
+        return self._situation.phase
 
     # Observations
 

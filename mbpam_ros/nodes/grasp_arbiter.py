@@ -14,13 +14,15 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
+from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
-from mbpam_ros.grasp.arbitration import Answer, Arbiter, Decision, Phase, load_grasp_config
+from mbpam_ros.grasp.arbitration import Arbiter, Decision, Phase, load_grasp_config
 from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
 from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
+from mbpam_ros.grasp.watch import HealthWatch
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.markers import BASE_FRAME, SHAPES
-from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, pose, pose_arrays
+from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, pose, pose_arrays, with_answer
 from mbpam_ros.nodes.parameters import Parameter
 
 PARAMETERS = (
@@ -36,9 +38,6 @@ SETPOINT_REPEAT_S = 0.5
 
 WATCHED_NODES = ("pressure_sensor", "valve_controller")
 """Nodes of the same namespace whose faults stop a grasp; without their reports none begins."""
-
-SILENCE_S = 3.5
-"""A watched node that does not report its health for three periods counts as ended."""
 
 
 class GraspArbiterNode(GripperNode):
@@ -58,10 +57,11 @@ class GraspArbiterNode(GripperNode):
             raise ConfigError(f"{self.value('grasp')}: {error}") from error
         prefix = self.get_namespace().rstrip("/")
         self._watched = {f"{prefix}/{self.value(f'{name}_node')}": name for name in WATCHED_NODES}
-        for full_name, source in self._watched.items():
-            reason = f"no health report from {full_name} yet; start it, or name it by the parameter {source}_node"
-            self._arbiter.observe_health(self.now_s(), source, False, reason)
-        self._reported_s: dict[str, float] = {}
+        unheard = {
+            source: f"no health report from {full_name} yet; start it, or name it by the parameter {source}_node"
+            for full_name, source in self._watched.items()
+        }
+        self._watch = HealthWatch(self._arbiter, unheard, self.now_s())
         self._decision: Decision | None = None
 
         self._setpoints = self.create_publisher(JointState, "pressure_setpoints", STREAM)
@@ -94,23 +94,20 @@ class GraspArbiterNode(GripperNode):
     def _serve(self, name: str, request: Callable[[float], Answer]) -> None:
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             result = request(self.now_s())
-            response.success, response.message = result.accepted, result.reason
             # Two call sites: rclpy refuses a severity that changes at one.
             if result.accepted:
                 self.get_logger().info(f"{name}: {result.reason}")
             else:
                 self.get_logger().warning(f"{name} refused: {result.reason}")
             self._tick()
-            return response
+            return with_answer(response, result)
 
         self.create_service(Trigger, name, answer)
 
     def _tick(self) -> None:
         """Let the state machine decide; publish the decision if it changed."""
         now_s = self.now_s()
-        for source, reported_s in self._reported_s.items():
-            if now_s - reported_s > SILENCE_S:
-                self._arbiter.observe_health(now_s, source, False, f"no health report for {SILENCE_S:g} s")
+        self._watch.look(now_s)
         if (late_s := self.late_s()) > 0.0:
             self._arbiter.observe_lateness(now_s, late_s)
         self._decision = self._arbiter.tick(now_s)
@@ -163,12 +160,9 @@ class GraspArbiterNode(GripperNode):
         for status in report.status:
             source = self._watched.get(status.name)
             if source is not None:
-                self._reported_s[source] = self.now_s()
-                # Valves that were switched off are no cause for a fault to stay: grasp/reset comes before enable.
-                latched = self._decision is not None and self._decision.phase is Phase.FAULT
-                air_off = not latched and any(item.key == "enabled" and item.value == "false" for item in status.values)
-                ok = status.level in (DiagnosticStatus.OK, DiagnosticStatus.WARN) and not air_off
-                self._arbiter.observe_health(self.now_s(), source, ok, status.message)
+                well = status.level in (DiagnosticStatus.OK, DiagnosticStatus.WARN)
+                air_on = not any(item.key == "enabled" and item.value == "false" for item in status.values)
+                self._watch.report(self.now_s(), source, well, status.message, air_on)
         self.publish_health_change()
 
 

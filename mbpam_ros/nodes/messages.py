@@ -11,10 +11,19 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion
 from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+
+from mbpam_ros.answer import Answer
 
 
 class MessageError(ValueError):
     """A message does not carry what its topic promises; the text says what is wrong with it."""
+
+
+def with_answer(response: Trigger.Response | SetBool.Response, answer: Answer) -> Trigger.Response | SetBool.Response:
+    """Return the response with the answer in it."""
+    response.success, response.message = answer.accepted, answer.reason
+    return response
 
 
 def seconds(stamp: Time) -> float:

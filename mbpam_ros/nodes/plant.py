@@ -22,10 +22,9 @@ from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.log_forwarding import forward_logs
 from mbpam_ros.nodes.markers import WORLD_FRAME, colour, finger_markers, solid_marker
-from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, time_stamp
+from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, time_stamp, with_answer
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.plant_camera import PlantCamera
-from mbpam_ros.plant.lift import LiftAnswer
 from mbpam_ros.plant.planner import planned_scene
 from mbpam_ros.plant.plant import Observation, Plant, build_plant
 from mbpam_ros.plant.scene import Scene, load_scene
@@ -91,8 +90,8 @@ class PlantNode(GripperNode):
         self._clock_topic = self.create_publisher(Clock, "/clock", STREAM) if self.value("publish_clock") else None
         self.create_subscription(JointState, "valve_commands", self._on_valve_commands, NEWEST)
         self.create_service(Trigger, "plant/reset", self._on_reset)
-        self.create_service(Trigger, "plant/lift", lambda _, response: _answer(response, self._plant.lift()))
-        self.create_service(Trigger, "plant/lower", lambda _, response: _answer(response, self._plant.lower()))
+        self.create_service(Trigger, "plant/lift", lambda _, response: with_answer(response, self._plant.lift()))
+        self.create_service(Trigger, "plant/lower", lambda _, response: with_answer(response, self._plant.lower()))
         self._lock_step = bool(self.value("lock_step"))
         self._ticks_at_timer = -1
         self._ticked_at_s = time.monotonic()
@@ -242,11 +241,6 @@ class PlantNode(GripperNode):
         response.success = True
         response.message = f"scene {self._scene.name} is back at its start; set-points stand until grasp/release"
         return response
-
-
-def _answer(response: Trigger.Response, answer: LiftAnswer) -> Trigger.Response:
-    response.success, response.message = answer.accepted, answer.reason
-    return response
 
 
 def main() -> int:

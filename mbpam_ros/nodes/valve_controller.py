@@ -11,11 +11,11 @@ from std_srvs.srv import SetBool
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.configuration import ConfigError
-from mbpam_ros.grasp.arbitration import Air
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds
+from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds, with_answer
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.stamps import StampClock
+from mbpam_ros.pneumatics.air_switch import Air, AirSwitch
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.controller import ControllerInputError, PressureController, SetpointError, ValveFault
 
@@ -28,7 +28,7 @@ PARAMETERS = (
 
 
 class ValveControllerNode(GripperNode):
-    """Adapter around :class:`PressureController`."""
+    """Adapter around :class:`PressureController` and the :class:`AirSwitch` before it."""
 
     def __init__(self, **node_options: object) -> None:
         super().__init__("valve_controller", PARAMETERS, **node_options)
@@ -42,9 +42,7 @@ class ValveControllerNode(GripperNode):
             raise ConfigError(f"{self.value('gripper')} against {self.value('pneumatics')}: {error}") from error
         self._hold_time_s = config.hold_time_s
         self._clock_of_pressures = StampClock()
-        self._switched_on: bool = self.value("enable_at_start")
-        self._air = Air.REGULATE
-        self._has_setpoints = False
+        self._switch = AirSwitch(self._controller, self.value("enable_at_start"))
 
         self._commands = self.create_publisher(JointState, "valve_commands", STREAM)
         self._openings = JointStateForm(CHANNEL_NAMES)
@@ -61,30 +59,29 @@ class ValveControllerNode(GripperNode):
             for name, fault in zip(CHANNEL_NAMES, self._controller.faults, strict=True)
             if fault is not ValveFault.NONE
         }
-        values = {"enabled": str(self._switched_on).lower(), "air": self._air.value, **faults}
+        air = self._switch.air
+        values = {"enabled": str(self._switch.switched_on).lower(), "air": air.value, **faults}
         if faults:
             return Health(DiagnosticStatus.ERROR, f"{len(faults)} of 16 channels at fault", values)
-        if self._air is not Air.REGULATE:
-            return Health(DiagnosticStatus.WARN, f"{self._air.value} after a stop or fault; see grasp_state", values)
-        if not self._switched_on:
+        if air is not Air.REGULATE:
+            return Health(DiagnosticStatus.WARN, f"{air.value} after a stop or fault; see grasp_state", values)
+        if not self._switch.switched_on:
             return Health(DiagnosticStatus.WARN, "air is off; call valve_controller/enable", values)
         return Health(message="16 loops running", values=values)
 
     def leave(self) -> None:
         """Close the valves (or vent, where all vents): nobody will move them afterwards."""
-        opening = -1.0 if self._air is Air.VENT else 0.0
-        now = self.now_stamp()
-        self._commands.publish(self._openings.filled(now, position=[opening] * len(CHANNEL_NAMES)))
+        openings = [self._switch.parting_opening] * len(CHANNEL_NAMES)
+        self._commands.publish(self._openings.filled(self.now_stamp(), position=openings))
 
     def _on_setpoints(self, message: JointState) -> None:
         try:
-            self._controller.request(named_values(message, CHANNEL_NAMES, "effort"))
+            first = self._switch.request(named_values(message, CHANNEL_NAMES, "effort"))
         except (MessageError, SetpointError) as error:
             self.refuse("pressure_setpoints", error)
             return
-        if not self._has_setpoints:
-            self._has_setpoints = True
-            self._apply_switches()
+        if first:
+            self.publish_health()
 
     def _on_chamber_states(self, message: JointState) -> None:
         try:
@@ -95,7 +92,7 @@ class ValveControllerNode(GripperNode):
             self.refuse("chamber_states", error)
             return
         self._commands.publish(self._openings.filled(message.header.stamp, position=spool))
-        self.publish_health_change((self._controller.faults, self._air, self._switched_on))
+        self._publish_change_of_faults()
 
     def _on_silence(self) -> None:
         """Close the valves when the pressures stay out."""
@@ -104,7 +101,7 @@ class ValveControllerNode(GripperNode):
             return
         spool = self._controller.check(self._clock_of_pressures.time(now_s))
         self._commands.publish(self._openings.filled(self.now_stamp(), position=spool))
-        self.publish_health_change((self._controller.faults, self._air, self._switched_on))
+        self._publish_change_of_faults()
 
     def _on_grasp_state(self, state: DiagnosticStatus) -> None:
         """Follow the arbiter's word on the air in the next command, without waiting for set-points or measurements."""
@@ -113,31 +110,17 @@ class ValveControllerNode(GripperNode):
         except ValueError as error:
             self.refuse("grasp_state", error)
             return
-        # An arbiter started anew does not know of a stop and would keep what is still in the chambers.
-        if air is not self._air and (self._air, air) != (Air.VENT, Air.HOLD):
-            self._air = air
-            self._apply_switches()
+        if self._switch.obey(air):
+            self.publish_health()
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        if request.data and self._air is not Air.REGULATE:
-            response.success, response.message = False, f"the arbiter says {self._air.value}; call grasp/reset first"
-            return response
-        self._switched_on = request.data
-        self._apply_switches()
-        valves = "valves vent until grasp/reset" if self._air is Air.VENT else "valves closed"
-        response.success, response.message = True, "air on" if request.data else f"air off, {valves}"
-        return response
+        answer = self._switch.switch(request.data)
+        if answer.accepted:
+            self.publish_health()
+        return with_answer(response, answer)
 
-    def _apply_switches(self) -> None:
-        if self._air is Air.VENT:
-            self._controller.vent_all()
-        elif self._air is Air.HOLD:
-            self._controller.enable(False)
-        else:
-            self._controller.enable(True)  # ends a vent, also where the air is switched off
-            # Started beside a gripper that holds, it must not take its own zeros for set-points.
-            self._controller.enable(self._switched_on and self._has_setpoints)
-        self.publish_health()
+    def _publish_change_of_faults(self) -> None:
+        self.publish_health_change((self._controller.faults, self._switch.air, self._switch.switched_on))
 
 
 def main() -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import require_positive
 
 
@@ -26,14 +27,6 @@ class LiftConfig:
         require_positive(self, "height_m", "duration_s")
 
 
-@dataclass(frozen=True)
-class LiftAnswer:
-    """Whether the hand starts to move, and if not, why."""
-
-    accepted: bool
-    reason: str
-
-
 class HandLift:
     """Height of the hand over time, minimum jerk between its two ends: h = H (10 x^3 - 15 x^4 + 6 x^5), x = t / T.
 
@@ -48,22 +41,22 @@ class HandLift:
         """Put the hand down, at rest."""
         self._start_s, self._from_m, self._to_m = -self._config.duration_s, 0.0, 0.0
 
-    def raise_hand(self, time_s: float) -> LiftAnswer:
+    def raise_hand(self, time_s: float) -> Answer:
         """Start raising the hand at ``time_s``; refused while it moves or when it is up."""
         return self._move(time_s, self._config.height_m, "up")
 
-    def lower_hand(self, time_s: float) -> LiftAnswer:
+    def lower_hand(self, time_s: float) -> Answer:
         """Start lowering the hand at ``time_s``; refused while it moves or when it is down."""
         return self._move(time_s, 0.0, "down")
 
-    def _move(self, time_s: float, to_m: float, where: str) -> LiftAnswer:
+    def _move(self, time_s: float, to_m: float, where: str) -> Answer:
         left_s = self._start_s + self._config.duration_s - time_s
         if left_s > 1e-9:
-            return LiftAnswer(False, f"the hand is moving, for another {left_s:.2f} s")
+            return Answer(False, f"the hand is moving, for another {left_s:.2f} s")
         if self._to_m == to_m:
-            return LiftAnswer(False, f"the hand is already {where}")
+            return Answer(False, f"the hand is already {where}")
         self._start_s, self._from_m, self._to_m = time_s, self._to_m, to_m
-        return LiftAnswer(True, f"moving {where}, {self._config.height_m:g} m in {self._config.duration_s:g} s")
+        return Answer(True, f"moving {where}, {self._config.height_m:g} m in {self._config.duration_s:g} s")
 
     def motion(self, time_s: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return height [m] and upward velocity [m/s] of the hand at the given times, of their shape."""

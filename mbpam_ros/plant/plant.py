@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FINGER_COUNT
 from mbpam_ros.actuator.rod_law import RodLaw
+from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.clearance import finger_clearance_m
 from mbpam_ros.plant.fidelity import Tolerance
-from mbpam_ros.plant.lift import HandLift, LiftAnswer
+from mbpam_ros.plant.lift import HandLift
 from mbpam_ros.plant.planner import planned_scene
 from mbpam_ros.plant.scene import Scene
 from mbpam_ros.plant.solids import half_height
@@ -184,11 +185,11 @@ class Plant:
         self._pressure, self._actuation = pressure, actuation
         self._volts = self._transducer.measure(pressure)
 
-    def lift(self) -> LiftAnswer:
+    def lift(self) -> Answer:
         """Start raising the hand; refused while it moves or when it is up."""
         return self._lift.raise_hand(self.time_s)
 
-    def lower(self) -> LiftAnswer:
+    def lower(self) -> Answer:
         """Start lowering the hand; refused while it moves or when it is down."""
         return self._lift.lower_hand(self.time_s)
 

@@ -11,17 +11,20 @@ import mbpam_ros
 PACKAGE = Path(mbpam_ros.__file__).parent
 MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
 
+GROUND = {"answer", "configuration"}
+MACHINE = GROUND | {"actuator", "pneumatics", "gripper"}
 ALLOWED = {
+    "answer": set(),
     "configuration": set(),
     "actuator": {"configuration"},
-    "pneumatics": {"configuration", "actuator"},
+    "pneumatics": GROUND | {"actuator"},
     "gripper": {"configuration", "actuator"},
-    "plant": {"configuration", "actuator", "pneumatics", "gripper"},
-    "estimation": {"configuration", "actuator", "pneumatics", "gripper"},
-    "grasp": {"configuration", "actuator", "pneumatics", "gripper"},
-    "vision": {"configuration", "actuator", "pneumatics", "gripper"},
-    "study": {"configuration", "actuator", "pneumatics", "gripper", "plant", "estimation", "grasp", "vision"},
-    "nodes": {"configuration", "actuator", "pneumatics", "gripper", "plant", "estimation", "grasp", "vision", "study"},
+    "plant": MACHINE,
+    "estimation": MACHINE,
+    "grasp": MACHINE,
+    "vision": MACHINE,
+    "study": MACHINE | {"plant", "estimation", "grasp", "vision"},
+    "nodes": MACHINE | {"plant", "estimation", "grasp", "vision", "study"},
 }
 """Which parts of the package a part may import, besides itself."""
 

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import dataclasses
 
+from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
-from mbpam_ros.grasp.arbitration import Answer, Arbiter, Decision, load_grasp_config
+from mbpam_ros.grasp.arbitration import Arbiter, Decision, load_grasp_config
 from mbpam_ros.grasp.modes import load_modes
 from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.plant import Observation, build_plant
 from mbpam_ros.plant.scene import Scene
+from mbpam_ros.pneumatics.air_switch import AirSwitch
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.controller import PressureController
 from mbpam_ros.pneumatics.sensing import PressureSensing
@@ -58,7 +60,7 @@ class ClosedLoop:
         self._plant = build_plant(scene, gripper, pneumatics, seed=seed)
         self._sensing = PressureSensing(pneumatics.sensing, pneumatics.transducer)
         self._controller = PressureController(pneumatics.controller, *limits)
-        self._controller.enable(True)
+        self._switch = AirSwitch(self._controller, switched_on=True)
         self.seen: Observation = self._plant.observe()
         self.decision: Decision = self._arbiter.tick(self.seen.time_s)
 
@@ -72,7 +74,8 @@ class ClosedLoop:
         pressure_gauge_pa = self._sensing.update(now_s, self.seen.transducer_v).pressure_gauge_pa
         self._arbiter.observe_pressures(now_s, pressure_gauge_pa)
         self.decision = self._arbiter.tick(now_s)
-        self._controller.request(self.decision.setpoint_gauge_pa)
+        self._switch.obey(self.decision.air)
+        self._switch.request(self.decision.setpoint_gauge_pa)
         self._plant.step(self._controller.update(now_s, pressure_gauge_pa), TICK_S)
         self.seen = self._plant.observe()
         return self.seen

@@ -1,14 +1,18 @@
 """Whatever comes in whatever order, the arbiter stays safe."""
 
+import math
+
 import numpy as np
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from mbpam_ros.grasp.arbitration import Air, Arbiter, Phase, Source, load_grasp_config
+from mbpam_ros.grasp.arbitration import Arbiter, Phase, Source, load_grasp_config
 from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
 from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
+from mbpam_ros.grasp.watch import SILENCE_S, HealthWatch
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.pneumatics.air_switch import Air
 
 CONFIG, MODES, GRIPPER = load_grasp_config(), load_modes(), load_gripper()
 LIMIT_PA, OVER_PA = GRIPPER.pressure_limit_gauge_pa, GRIPPER.over_pressure_gauge_pa
@@ -36,6 +40,8 @@ class ArbiterMachine(RuleBasedStateMachine):
         self.arbiter = Arbiter(
             CONFIG.arbitration, MODES, ModeSelector(CONFIG.selection, GRIPPER, MODES), LIMIT_PA, OVER_PA
         )
+        self.watch = HealthWatch(self.arbiter, dict.fromkeys(HEALTH_SOURCES, "not heard of yet"), time_s)
+        self.unheard_s = dict.fromkeys(HEALTH_SOURCES, math.inf)
         self.time_s = time_s
         self.latched = False
         self.must_vent = False
@@ -43,11 +49,18 @@ class ArbiterMachine(RuleBasedStateMachine):
 
     @rule(seconds=few_seconds)
     def wait(self, seconds):
+        self.pass_time(seconds)
+
+    def pass_time(self, seconds):
         self.time_s += seconds
+        for source in self.unheard_s:
+            self.unheard_s[source] += seconds
 
     @rule(time_s=st.floats(-10.0, 1e6))
     def jump(self, time_s):
         self.time_s = time_s
+        # How long ago a report was is known again with the next one.
+        self.unheard_s = {source: since_s if since_s == math.inf else 0.0 for source, since_s in self.unheard_s.items()}
 
     @rule(pressure_pa=st.one_of(*[st.lists(number, min_size=16, max_size=16) for number in (any_number, in_range)]))
     def read_anything(self, pressure_pa):
@@ -65,7 +78,7 @@ class ArbiterMachine(RuleBasedStateMachine):
     @rule(steps=st.sampled_from([1, 2, 5]))
     def follow_the_setpoints(self, steps):
         for _ in range(steps):
-            self.time_s += 0.1
+            self.pass_time(0.1)
             self.read(self.arbiter.tick(self.time_s).setpoint_gauge_pa)
 
     @rule(channel=st.integers(0, 15))
@@ -96,9 +109,10 @@ class ArbiterMachine(RuleBasedStateMachine):
     def see(self, seen):
         self.arbiter.observe_detections(self.time_s, seen)
 
-    @rule(source=st.sampled_from(HEALTH_SOURCES), ok=st.booleans())
-    def report_health(self, source, ok):
-        self.arbiter.observe_health(self.time_s, source, ok, "broken")
+    @rule(source=st.sampled_from(HEALTH_SOURCES), well=st.booleans(), air_on=st.booleans())
+    def report_health(self, source, well, air_on):
+        self.watch.report(self.time_s, source, well, "broken", air_on)
+        self.unheard_s[source] = 0.0
 
     @rule(touching=st.booleans())
     def report_contact(self, touching):
@@ -149,11 +163,13 @@ class ArbiterMachine(RuleBasedStateMachine):
     def make_idle(self):
         self.stop()
         for source in HEALTH_SOURCES:
-            self.arbiter.observe_health(self.time_s, source, True)
-        self.time_s += 0.01
+            self.report_health(source, well=True, air_on=False)  # the air may come on after the reset only
+        self.pass_time(0.01)
         self.read(np.zeros(16))
         answer = self.arbiter.reset(self.time_s)
         assert answer.accepted, answer.reason
+        for source in HEALTH_SOURCES:
+            self.report_health(source, well=True, air_on=True)
         self.latched = self.must_vent = False
         self.decision = self.arbiter.tick(self.time_s)
         assert self.decision.phase is Phase.IDLE
@@ -162,7 +178,10 @@ class ArbiterMachine(RuleBasedStateMachine):
     def the_decision_is_safe(self):
         if not hasattr(self, "arbiter"):
             return
+        self.watch.look(self.time_s)
         self.decision = decision = self.arbiter.tick(self.time_s)
+        if max(self.unheard_s.values()) > SILENCE_S:
+            assert decision.phase not in (Phase.CLOSING, Phase.HOLDING)
         setpoint_pa = decision.setpoint_gauge_pa
         assert setpoint_pa.shape == (16,)
         assert np.all(np.isfinite(setpoint_pa)) and np.all((setpoint_pa >= 0.0) & (setpoint_pa <= LIMIT_PA))

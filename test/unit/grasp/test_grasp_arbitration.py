@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
-from mbpam_ros.grasp.arbitration import Air, Arbiter, Contact, Phase, Source, load_grasp_config
+from mbpam_ros.grasp.arbitration import Arbiter, Contact, Phase, Source, load_grasp_config
 from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
 from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.pneumatics.air_switch import Air
 
 CONFIG = load_grasp_config()
 TIMES = CONFIG.arbitration
