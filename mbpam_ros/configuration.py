@@ -18,6 +18,8 @@ from typing import Any, TypeVar
 
 import yaml
 
+from mbpam_ros.errors import MbpamError
+
 PACKAGE = "mbpam_ros"
 DIRECTORY_VARIABLE = "MBPAM_CONFIG_DIR"
 
@@ -35,7 +37,7 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-class ConfigError(ValueError):
+class ConfigError(MbpamError, ValueError):
     """A configuration file is missing, unreadable, or holds a key or value that cannot be used."""
 
 

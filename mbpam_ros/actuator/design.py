@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.configuration import require_positive
+from mbpam_ros.errors import MbpamError
 
 SAME_DESIGN_SHARE = 1e-4
 """Share of a variable's range; designs that differ by no more than that in a and in b are the same design.
@@ -16,7 +17,7 @@ On the paper's domain 0.2 um, below what meshes and moulds tell apart; the desig
 1 um, differ by more."""
 
 
-class DesignDomainError(ValueError):
+class DesignDomainError(MbpamError, ValueError):
     """The design lies outside the samples of its metamodel, which may not be asked there."""
 
 

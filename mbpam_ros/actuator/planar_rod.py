@@ -30,12 +30,13 @@ from scipy.optimize import newton
 
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
+from mbpam_ros.errors import MbpamError
 
 _STEPS = 12
 _GRAVITY_LEVELS = (0.25, 0.5, 0.75, 1.0)
 
 
-class RodSolutionError(RuntimeError):
+class RodSolutionError(MbpamError, RuntimeError):
     """No equilibrium was found for the rod."""
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from mbpam_ros.actuator.design import SAME_DESIGN_SHARE, DesignDomain
+from mbpam_ros.errors import MbpamError
 
 Powers = Sequence[tuple[int, int]]
 """Terms of a polynomial, each by its power of a and of b."""
@@ -33,7 +34,7 @@ random Latin hypercubes of nine designs one in a thousand has more than 105 (qua
 of a parabola have 600."""
 
 
-class MetamodelError(ValueError):
+class MetamodelError(MbpamError, ValueError):
     """These samples do not determine this metamodel; the message says what is missing."""
 
 

@@ -14,9 +14,10 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.answer import Answer
+from mbpam_ros.errors import MbpamError
 
 
-class MessageError(ValueError):
+class MessageError(MbpamError, ValueError):
     """A message does not carry what its topic promises; the text says what is wrong with it."""
 
 

@@ -126,8 +126,10 @@ class GripperNode(Node):
         return super().create_timer(period_s, call, **options)
 
     def now_s(self) -> float:
-        """Return the node's time [s], for how old something is: simulated under ``use_sim_time``, else a clock that
-        nobody can set."""
+        """Return the node's time [s], for how old something is.
+
+        Simulated under ``use_sim_time``, else of a clock that nobody can set.
+        """
         return self.get_clock().now().nanoseconds * 1e-9 if self.value("use_sim_time") else time.monotonic()
 
     def now_stamp(self) -> Time:

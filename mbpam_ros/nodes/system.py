@@ -19,6 +19,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.grasp.modes import MODE_NAMES
 
 NODES = ("plant", "pressure_sensor", "valve_controller", "state_estimator", "object_detector", "grasp_arbiter")
@@ -28,7 +29,7 @@ STOP_TIMEOUT_S = 30.0
 """Ending takes 1 s, several on a busy machine or when the middleware hangs (``TEAR_DOWN_TIMEOUT_S``)."""
 
 
-class NodeSystemError(RuntimeError):
+class NodeSystemError(MbpamError, RuntimeError):
     """A node process ended unexpectedly, or something awaited did not happen in time."""
 
 

@@ -109,7 +109,7 @@ class RodTier(Tier):
             raise TierError(f"tier 'rod' has 1 to {MOST_MODES} modes a plane, found modes = {modes}")
         return modes
 
-    def reset(self) -> None:  # noqa: D102
+    def reset(self) -> None:
         body, state = self._setup.body, self._parts.state
         self._memory[:] = 0.0
         self._before = self._after = None
@@ -122,9 +122,7 @@ class RodTier(Tier):
         self.iterations = 0
         self._begin()
 
-    def step(  # noqa: D102
-        self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array
-    ) -> None:
+    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
         if before is not self._before or after is not self._after:  # to write what is there takes half a sub-step
             self._drive(before, after)
         memory = self._memory.copy()
@@ -188,7 +186,7 @@ class RodTier(Tier):
             turning,
         )
 
-    def state(self) -> TierState:  # noqa: D102
+    def state(self) -> TierState:
         shape, velocity, fingers = self._parts.state.shape, self._parts.state.velocity, self._coordinates
         rates = velocity[:fingers].reshape(self._fingers, -1)
         tip_rate = np.einsum("fij,fj->fi", self._motion.slope[:, -1], rates)

@@ -32,13 +32,11 @@ class NoContact(Tier):
             np.array(body.position_m, float), np.array(body.orientation_xyzw, float), np.zeros(3), np.zeros(3)
         )
 
-    def reset(self) -> None:  # noqa: D102
+    def reset(self) -> None:
         self._inner.reset()
 
-    def step(  # noqa: D102
-        self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array
-    ) -> None:
+    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
         self._inner.step(before, after, hand_height_m, hand_velocity_m_s)
 
-    def state(self) -> TierState:  # noqa: D102
+    def state(self) -> TierState:
         return dataclasses.replace(self._inner.state(), body=self._body)

@@ -154,7 +154,7 @@ def plan(
     finger_length_m: float,
     table: FidelityTable,
     tolerance: Tolerance | None = None,
-    forced: Forced = Forced(),  # noqa: B008  (frozen)
+    forced: Forced = Forced(),
     tick_s: float | None = None,
 ) -> Plan:
     """Return how to compute a scene.

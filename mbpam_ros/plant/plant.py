@@ -14,6 +14,7 @@ from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FING
 from mbpam_ros.actuator.rod_law import RodLaw
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError, load_config
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.clearance import finger_clearance_m
 from mbpam_ros.plant.fidelity import Tolerance
@@ -41,7 +42,7 @@ REST_TOLERANCE_M = 0.002
 """How deep in a support anything may start."""
 
 
-class StepSizeError(ValueError):
+class StepSizeError(MbpamError, ValueError):
     """A step that is not a whole multiple of the plant's sub-step. Nothing was changed."""
 
 

@@ -37,19 +37,17 @@ class SomeFingers(Tier):
         self._straight_m = setup.finger_base_m[:, None, :] + down
         self._last: tuple[Actuation, Actuation] | None = None
 
-    def reset(self) -> None:  # noqa: D102
+    def reset(self) -> None:
         self._inner.reset()
 
-    def step(  # noqa: D102
-        self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array
-    ) -> None:
+    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
         # A tier may know its last actuation again by its identity.
         first = self._last[1] if self._last is not None and self._last[0] is before else self._of_moving(before)
         second = self._of_moving(after)
         self._inner.step(first, second, hand_height_m, hand_velocity_m_s)
         self._last = after, second
 
-    def state(self) -> TierState:  # noqa: D102
+    def state(self) -> TierState:
         found = self._inner.state()
         return dataclasses.replace(
             found,

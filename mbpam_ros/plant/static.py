@@ -27,16 +27,14 @@ class StaticTier(Tier):
         self._setup = setup
         self.reset()
 
-    def reset(self) -> None:  # noqa: D102
+    def reset(self) -> None:
         fingers = len(self._setup.finger_base_m)
         self._bend = np.zeros((fingers, 2))
         self._rate = np.zeros((fingers, 2))
         self._actuation: Actuation | None = None
         self._equilibrium = np.zeros((fingers, 2))
 
-    def step(  # noqa: D102
-        self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array
-    ) -> None:
+    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
         if before is not self._actuation:
             self._equilibrium = self._rest(before)
         duration, tau = (len(hand_height_m) - 1) * self._setup.sub_step_s, self._setup.config.static_lag_s
@@ -48,7 +46,7 @@ class StaticTier(Tier):
         self._rate = ramp - left / tau
         self._actuation, self._equilibrium = after, target
 
-    def state(self) -> TierState:  # noqa: D102
+    def state(self) -> TierState:
         setup, no_force = self._setup, np.zeros(3)
         along = np.linspace(0.0, setup.geometry.length_m, CENTRELINE_POINTS)
         return TierState(

@@ -50,16 +50,14 @@ class SteppingTier(Tier):
         """Whether the tier of contact moves the muscles."""
         return self._active is self._contact
 
-    def reset(self) -> None:  # noqa: D102
+    def reset(self) -> None:
         self._air.reset()
         self._contact.reset()
         self._active = self._contact
         self._time_s = self._look_s = 0.0
         self._turn, self._centre_m = self._object_place()
 
-    def step(  # noqa: D102
-        self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array
-    ) -> None:
+    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
         duration_s = (len(hand_height_m) - 1) * self._setup.sub_step_s
         if self._time_s >= self._look_s:
             look = self._look_down if self.in_contact_tier else self._look_up
@@ -67,7 +65,7 @@ class SteppingTier(Tier):
         self._active.step(before, after, hand_height_m, hand_velocity_m_s)
         self._time_s += duration_s
 
-    def state(self) -> TierState:  # noqa: D102
+    def state(self) -> TierState:
         if self.in_contact_tier:
             return self._contact.state()
         still, moving = self._contact.state(), self._air.state()

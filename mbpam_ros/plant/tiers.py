@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.configuration import require_positive
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.plant.contact_config import ContactConfig
 
 Array = NDArray[np.float64]
@@ -24,11 +25,11 @@ CENTRELINE_POINTS = 14
 """Points of a centre line, evenly from clamp to tip."""
 
 
-class TierError(ValueError):
+class TierError(MbpamError, ValueError):
     """No such tier, or one that cannot compute what the scene holds."""
 
 
-class PlantDivergedError(RuntimeError):
+class PlantDivergedError(MbpamError, RuntimeError):
     """A step left the range of what can be; the state before it is kept. The message says what to change."""
 
 

@@ -19,13 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES, FINGER_COUNT
 from mbpam_ros.configuration import require_positive
+from mbpam_ros.errors import MbpamError
 
 Vector = NDArray[np.float64]
 
 _STRAIGHT = np.zeros((FINGER_COUNT, 2))
 
 
-class PneumaticsInputError(ValueError):
+class PneumaticsInputError(MbpamError, ValueError):
     """A spool command, a pressure or a step that no model can use. Nothing was changed."""
 
 

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.configuration import require_positive
+from mbpam_ros.errors import MbpamError
 
 Vector = NDArray[np.float64]
 
@@ -41,11 +42,11 @@ class ValveFault(Enum):
     OVER_PRESSURE = "over-pressure"
 
 
-class SetpointError(ValueError):
+class SetpointError(MbpamError, ValueError):
     """Set-points that were refused, all sixteen of them; the message names the channel and the value."""
 
 
-class ControllerInputError(ValueError):
+class ControllerInputError(MbpamError, ValueError):
     """Pressures of the wrong shape or a time that is not finite. Nothing was changed."""
 
 
@@ -253,7 +254,8 @@ class PressureController:
     """
 
     def __init__(self, config: ControllerConfig, pressure_limit_gauge_pa: float, over_pressure_gauge_pa: float) -> None:
-        """
+        """Build the loops, disabled.
+
         Args:
             config: gains, limits and watchdog.
             pressure_limit_gauge_pa: greatest set-point accepted.

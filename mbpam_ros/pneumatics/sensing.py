@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.configuration import require_positive
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.pneumatics.transducer import TransducerConfig
 
 Vector = NDArray[np.float64]
@@ -25,11 +26,11 @@ class ChannelStatus(Enum):
     MISSING = "missing"
 
 
-class SensingInputError(ValueError):
+class SensingInputError(MbpamError, ValueError):
     """Samples that cannot be read: wrong shape or a time that is not finite. Nothing was changed."""
 
 
-class ZeroRefusedError(RuntimeError):
+class ZeroRefusedError(MbpamError, RuntimeError):
     """The present reading may not become the zero; the message names the channel and the reason."""
 
 

@@ -10,8 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.errors import MbpamError
 
-class ReportError(RuntimeError):
+
+class ReportError(MbpamError, RuntimeError):
     """The picture cannot be drawn."""
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from mbpam_ros.errors import MbpamError
 
-class ResultFileError(RuntimeError):
+
+class ResultFileError(MbpamError, RuntimeError):
     """A result cannot be written, or its file holds something else; the message says where and why."""
 
 

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.configuration import load_config, require_positive
+from mbpam_ros.errors import MbpamError
 
 
-class CameraError(ValueError):
+class CameraError(MbpamError, ValueError):
     """A camera's description or a use of it makes no sense: no focal length, a point behind the camera."""
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.configuration import load_config, require_positive
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.vision.camera import Camera, CameraPose, Intrinsics
 from mbpam_ros.vision.primitives import (
@@ -61,7 +62,7 @@ _SAG_M = 5e-4  # of the fingers' chords, well within the margin of their mask
 _MOST_PIECES = 4
 
 
-class ImageError(ValueError):
+class ImageError(MbpamError, ValueError):
     """An image that cannot be used: encoding, type or size are not what they are said to be."""
 
 

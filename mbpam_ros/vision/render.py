@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.vision.camera import Camera, CameraConfig
 from mbpam_ros.vision.capsule_kernel import paint_capsule
 from mbpam_ros.vision.raycast import Body, Components, chords, hit_body, surface_normals
@@ -33,7 +34,7 @@ _STRIPE = 0.10
 _SAG_M = 5e-4  # centrelines are drawn as chords with no more sag than this
 
 
-class ViewError(ValueError):
+class ViewError(MbpamError, ValueError):
     """A scene view that cannot be drawn: wrong shapes, sizes, or a floor above the support."""
 
 

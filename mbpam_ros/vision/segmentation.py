@@ -89,8 +89,11 @@ def table_surface(image: NDArray[np.float32], known: NDArray[np.bool_]) -> tuple
 
 @lru_cache(maxsize=4)
 def _surface_basis(height: int, width: int) -> tuple[Any, ...]:
-    """What :func:`table_surface` needs of an image size: sampled pixels, which of them lie on the border, the
-    polynomial's terms there and their degrees, its terms on a coarse grid, and the maps from grid to pixels."""
+    """What :func:`table_surface` needs of an image size.
+
+    Sampled pixels, which of them lie on the border, the polynomial's terms there and their degrees, its terms on a
+    coarse grid, and the maps from grid to pixels.
+    """
     v, u = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
     ring_rows, ring_columns = max(int(_RING_FRACTION * height), 1), max(int(_RING_FRACTION * width), 1)
     ring = np.ones((height, width), dtype=bool)

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.vision.camera import Camera
 from mbpam_ros.vision.primitives import FIRST_SIZE, YAW_INDEX, Shape, box_creases, parameter_count, vertices
 
@@ -33,7 +34,7 @@ _WARY_PX = 13  # edges this near to a finger are fitted, but do not make a size 
 _CONVERGED_M = 5e-4  # of the contour fit; the edges do the rest
 
 
-class FitError(ValueError):
+class FitError(MbpamError, ValueError):
     """A hypothesis has left what can be seen: behind the camera, or a degenerate silhouette."""
 
 
@@ -147,8 +148,9 @@ class SilhouetteFit:
         return self.judge(shape, parameters)
 
     def judge(self, shape: Shape, parameters: NDArray, others: Iterable[NDArray] = ()) -> EdgeFit:
-        """How the parameters agree with the image's edges, but for edges within or on the outlines ``others``,
-        which may hide the primitive.
+        """How the parameters agree with the image's edges.
+
+        Without edges within or on the outlines ``others``, which may hide the primitive.
 
         Raises:
             FitError: too little is visible.

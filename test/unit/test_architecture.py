@@ -1,6 +1,7 @@
 """The layout's promises: imports run one way, ROS stays in nodes/, and what is public is typed and documented."""
 
 import ast
+import builtins
 import inspect
 from pathlib import Path
 
@@ -11,14 +12,15 @@ import mbpam_ros
 PACKAGE = Path(mbpam_ros.__file__).parent
 MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
 
-GROUND = {"answer", "configuration"}
+GROUND = {"answer", "configuration", "errors"}
 MACHINE = GROUND | {"actuator", "pneumatics", "gripper"}
 ALLOWED = {
+    "errors": set(),
     "answer": set(),
-    "configuration": set(),
-    "actuator": {"configuration"},
+    "configuration": {"errors"},
+    "actuator": GROUND,
     "pneumatics": GROUND | {"actuator"},
-    "gripper": {"configuration", "actuator"},
+    "gripper": GROUND | {"actuator"},
     "plant": MACHINE,
     "estimation": MACHINE,
     "grasp": MACHINE,
@@ -85,6 +87,24 @@ def test_what_is_public_is_typed_and_documented(path):
         untyped = [item.arg for item in arguments if item.annotation is None and item.arg not in ("self", "cls")]
         assert not untyped, f"{where}: no type for {', '.join(untyped)}"
         assert function.returns is not None, f"{where}: no return type"
+
+
+def is_python_s_own_error(base: ast.expr) -> bool:
+    kind = getattr(builtins, base.id, None) if isinstance(base, ast.Name) else None
+    return isinstance(kind, type) and issubclass(kind, Exception)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=identity)
+def test_every_error_has_the_one_root(path):
+    classes = [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.ClassDef)]
+    rootless = {
+        node.name
+        for node in classes
+        if not node.name.startswith("_")
+        and any(is_python_s_own_error(base) for base in node.bases)
+        and "MbpamError" not in [getattr(base, "id", None) for base in node.bases]
+    }
+    assert rootless == ({"MbpamError"} if identity(path) == "errors.py" else set())
 
 
 def test_the_public_module_list_is_read_from_the_package_under_test():

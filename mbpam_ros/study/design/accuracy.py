@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from mbpam_ros.errors import MbpamError
 
-class JudgingError(ValueError):
+
+class JudgingError(MbpamError, ValueError):
     """These samples cannot judge a metamodel; the message says why."""
 
 

@@ -7,10 +7,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.design.pareto import Front
 
 
-class CompromiseError(ValueError):
+class CompromiseError(MbpamError, ValueError):
     """No design of the front obeys the rule; the message says what would."""
 
 

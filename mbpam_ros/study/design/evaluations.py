@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.design import DesignDomain
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.design.pareto import Front, Objectives
 
 
-class OptimisationError(RuntimeError):
+class OptimisationError(MbpamError, RuntimeError):
     """The optimiser cannot run or had to stop; the message says why."""
 
 

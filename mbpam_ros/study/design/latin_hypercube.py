@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 from scipy.stats import qmc
 
+from mbpam_ros.errors import MbpamError
+
 RANGES = {"a_mm": (1.5, 3.5), "b_mm": (1.0, 3.0), "c_mm": (1.0, 3.0), "n": (6.0, 14.0)}
 """The paper's four design variables with their ranges (section 3.2); n is a whole number of waves."""
 
 
-class SamplingError(ValueError):
+class SamplingError(MbpamError, ValueError):
     """No such design of experiments exists; the message says what to change."""
 
 

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.design import DesignDomain
+from mbpam_ros.errors import MbpamError
 
 Objectives = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Two responses to be maximised, shape (n, 2), of designs (a, b) in millimetres, shape (n, 2)."""
 
 
-class FrontError(ValueError):
+class FrontError(MbpamError, ValueError):
     """There is no trade-off to judge a front by."""
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.design.comparison import Judged
 from mbpam_ros.study.design.latin_hypercube import RANGES
 from mbpam_ros.study.design.pareto import Front
@@ -26,7 +27,7 @@ _RESPONSE_LABELS = {"theta_max": "greatest bend [deg]", "f_max": "blocked force 
 _MARKERS = ("o", "s", "D", "^", "v")
 
 
-class PictureError(RuntimeError):
+class PictureError(MbpamError, RuntimeError):
     """The picture cannot be drawn or written; the message says why."""
 
 

@@ -119,8 +119,10 @@ def ablations(
 
 
 def variant_errors(name: str, rows: Sequence[dict], ends: str) -> dict[str, object]:
-    """Return rms, mean and worst relative errors [%] of bend and force of rows of one variant, and the least clearance
-    (:class:`~mbpam_ros.study.fe.self_contact.Clearance`) of any row."""
+    """Return rms, mean and worst relative errors [%] of bend and force of the rows of one variant.
+
+    With them, the least clearance (:class:`~mbpam_ros.study.fe.self_contact.Clearance`) of any row.
+    """
     errors: dict[str, object] = {"name": name, "points": len(rows)}
     for clearance in ("fold_opening", "arm_gap_mm"):
         errors[f"least_{clearance}"] = min(row[clearance] for row in rows)

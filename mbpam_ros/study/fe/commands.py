@@ -21,6 +21,7 @@ from concurrent.futures import BrokenExecutor, Executor
 from pathlib import Path
 from typing import NoReturn
 
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.fe.ablations import SPREAD_POINTS, ablations
 from mbpam_ros.study.fe.design_run import MESHES, NO_EQUILIBRIUM, Run, bend_curve
@@ -42,7 +43,7 @@ from mbpam_ros.study.progress_bar import ProgressBar
 from mbpam_ros.study.result_file import ResultFileError, write_json
 
 
-class CommandError(ValueError):
+class CommandError(MbpamError, ValueError):
     """The arguments do not say what to do; the message says what is wrong."""
 
 

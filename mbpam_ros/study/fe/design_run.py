@@ -110,10 +110,10 @@ class Run:
 
 
 def nominal_values(run: Run, end_weight_factors: Sequence[float] = ()) -> dict[str, object]:
-    """Return what one design does at 100 kPa: bend [deg] without and with weight, held-straight moment, blocked force,
-    clearance of the freely bent cell.
+    """Return what one design does at 100 kPa.
 
-    The law's samples come with it, so that other postures and weights need no finite elements.
+    Bend [deg] without and with weight, held-straight moment, blocked force, clearance of the freely bent cell. The
+    law's samples come with it, so that other postures and weights need no finite elements.
 
     Args:
         end_weight_factors: other weights of the ends, for each of which the bend is given under

@@ -15,13 +15,15 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 
+from mbpam_ros.errors import MbpamError
+
 LOCAL_CLUSTER = "local"
 _CONNECT_S = 10.0
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """The jobs share the cores among themselves; a solver that also did would only make them wait for each other."""
 
 
-class ExecutorError(RuntimeError):
+class ExecutorError(MbpamError, RuntimeError):
     """There is nothing to run the jobs with."""
 
 

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.fe.unit_cell import CellState, UnitCell
 
 
-class LawError(ValueError):
+class LawError(MbpamError, ValueError):
     """The moment does not rise with the bend, so no single bend belongs to a moment."""
 
 
@@ -102,8 +103,10 @@ class BendingLaw:
         return PchipInterpolator(self.moment_n_mm, np.stack([self.bend_rad, self.axis_stretch], axis=1))
 
     def unknowns_at(self, bend_rad: float) -> NDArray[np.float64]:
-        """Return the cell's unknowns at a bend of the active length, interpolated linearly between samples; no further
-        than the samples go."""
+        """Return the cell's unknowns at a bend of the active length.
+
+        Interpolated linearly between samples, no further than the samples go.
+        """
         bends = self.bend_rad
         bend = min(max(bend_rad, bends[0]), bends[-1])
         above = min(max(int(np.searchsorted(bends, bend)), 1), bends.size - 1)

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.configuration import require_positive
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.fe.fillets import ChamberOutline, filleted_wave_depth_mm, largest_wave_fillet_mm
 from mbpam_ros.study.fe.tetrahedra import CUT, cut_cells
 
@@ -43,7 +44,7 @@ _FACE_CORNERS = [(0, 0), (2, 0), (2, 2), (0, 2)]
 _FACE_MIDDLES = [(1, 0), (2, 1), (1, 2), (0, 1)]
 
 
-class CellGeometryError(ValueError):
+class CellGeometryError(MbpamError, ValueError):
     """These lengths do not make a muscle."""
 
 
@@ -291,8 +292,10 @@ def octant_blocks(
 def coons(
     bottom: NDArray[np.float64], top: NDArray[np.float64], left: NDArray[np.float64], right: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return Coons' patch of four sides, shape (i, j, ...): bottom and top (i, ...) along the first index, left and
-    right (j, ...) along the second."""
+    """Return Coons' patch of four sides, shape (i, j, ...).
+
+    Bottom and top, (i, ...), go along the first index, left and right, (j, ...), along the second.
+    """
     s = np.linspace(0.0, 1.0, len(bottom)).reshape(-1, 1, *(1,) * (bottom.ndim - 1))
     t = np.linspace(0.0, 1.0, len(left)).reshape(1, -1, *(1,) * (left.ndim - 1))
     ruled = (1 - t) * bottom[:, None] + t * top[:, None] + (1 - s) * left[None] + s * right[None]

@@ -124,8 +124,10 @@ def outer_faces(mesh: CellMesh) -> NDArray[np.int64]:
 
 
 def _largest_stretch(rest: NDArray[np.float64], deformed: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Largest principal stretch in the middle of quadrilaterals of shape (n, 4, 3): root of the largest eigenvalue of
-    g0^-1 g, with the metrics g = (t_i . t_j) of the middle lines."""
+    """Largest principal stretch in the middle of quadrilaterals of shape (n, 4, 3).
+
+    Root of the largest eigenvalue of g0^-1 g, with the metrics g = (t_i . t_j) of the middle lines.
+    """
     metrics = []
     for quads in (rest, deformed):
         p0, p1, p2, p3 = np.moveaxis(quads, 1, 0)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.fe.muscle_shape import MuscleShape
 
 PATTERN_COLOURS = {"pdc": "#1f77b4", "psc": "#d62728"}
@@ -23,7 +24,7 @@ LIGHT = np.array([0.35, -0.75, 0.56])  # toward the light, for a viewer who look
 _DPI = 130
 
 
-class PictureError(RuntimeError):
+class PictureError(MbpamError, RuntimeError):
     """The pictures cannot be drawn."""
 
 

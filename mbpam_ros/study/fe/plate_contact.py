@@ -105,8 +105,10 @@ class PlateContact:
         return self.plate.friction == 0.0
 
     def beside(self, x: NDArray[np.float64]) -> ContactMemory:
-        """Return the memory of a body at ``x``, shape (nodes of the body, 3), to which the plate has just been moved:
-        nodes nearer than a hundredth of a millimetre touch it, without friction yet."""
+        """Return the memory of a body at ``x``, shape (nodes of the body, 3), to which the plate has just been moved.
+
+        Nodes nearer than a hundredth of a millimetre touch it, without friction yet.
+        """
         none = np.zeros(self.nodes.size, dtype=bool)
         return ContactMemory(self.gaps_mm(x) < _TOUCH_MM, none, np.zeros((self.nodes.size, 3)), x[self.nodes])
 
@@ -135,8 +137,10 @@ class PlateContact:
         return coo_matrix((blocks.ravel(), (rows, columns)), (x.size, x.size)).tocsr()
 
     def revised(self, x: NDArray[np.float64], memory: ContactMemory, one_by_one: bool = False) -> ContactMemory:
-        """Return the memory with those nodes touching that are inside the plate, and those sliding that would exceed
-        the limit of friction; ``memory`` itself if that changes no node's force by more than 1e-4 N.
+        """Return the memory with those nodes touching that are inside the plate.
+
+        Those slide that would exceed the limit of friction. It is ``memory`` itself if that changes no node's force by
+        more than 1e-4 N.
 
         Args:
             one_by_one: change the first such node only. Changing all at once is quick but can go round in circles
@@ -165,8 +169,11 @@ class PlateContact:
         )
 
     def settled(self, x: NDArray[np.float64], memory: ContactMemory) -> ContactMemory:
-        """Return the memory after the motion to the equilibrium ``x``: a sticking node keeps its anchor, a sliding one
-        drags it so that it is just at the limit, a free one takes it along."""
+        """Return the memory after the motion to the equilibrium ``x``.
+
+        A sticking node keeps its anchor, a sliding one drags it so that it is just at the limit, a free one takes it
+        along.
+        """
         reach = self.plate.friction * self._normal_forces_n(x, memory) / self._slip_stiffness
         anchors = np.where(memory.touching[:, None], memory.anchors_mm, x[self.nodes])
         dragged = x[self.nodes] - reach[:, None] * memory.direction

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import newton
 
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.fe.law import BendingLaw
 from mbpam_ros.study.fe.mesh import CellGeometry
 
@@ -38,7 +39,7 @@ _GRAVITY_LEVELS = (0.25, 0.5, 0.75, 1.0)
 _SAMPLE_STEP_RAD = math.radians(20.0)
 
 
-class PostureError(RuntimeError):
+class PostureError(MbpamError, RuntimeError):
     """No equilibrium of the upright muscle was found."""
 
 

@@ -29,8 +29,10 @@ class SectionFrames:
         self._reach = rest_x - self._mean(rest_x)[self._plane]
 
     def angles_rad(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return each plane's turn about y, shape (planes,): the one that fits its nodes best, continuous from base to
-        tip; positive from x toward z."""
+        """Return each plane's turn about y, shape (planes,), positive from x toward z.
+
+        The one that fits its nodes best, continuous from base to tip.
+        """
         sine, cosine = (np.bincount(self._plane, self._reach * x[:, axis]) for axis in (2, 0))
         return np.unwrap(np.arctan2(sine, cosine))
 

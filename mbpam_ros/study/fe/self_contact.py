@@ -139,7 +139,7 @@ class _Touch:
     weights: NDArray[np.float64]
 
     def offsets(self, x: NDArray[np.float64]) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-        """r (n, 3), its length d (n,), the factors of x, a, v_j in r (n, 2 to 4), and v_j - a (n, 0 to 2, 3)."""
+        """R (n, 3), its length d (n,), the factors of x, a, v_j in r (n, 2 to 4), and v_j - a (n, 0 to 2, 3)."""
         points = x[self.nodes]
         sides = points[:, 2:] - points[:, 1:2]
         from_corner = points[:, 0] - points[:, 1]
@@ -150,7 +150,7 @@ class _Touch:
         return r, np.linalg.norm(r, axis=1), factors, sides
 
     def slope(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """dE over the nodes, shape (n, 2 to 4, 3)."""
+        """DE over the nodes, shape (n, 2 to 4, 3)."""
         r, _, factors, _ = self.offsets(x)
         return self.weights[:, None, None] * factors[:, :, None] * r[:, None]
 

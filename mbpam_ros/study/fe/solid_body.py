@@ -79,8 +79,11 @@ class SolidBody:
         return self._cells.shape[1], *self._region.dV.shape
 
     def _move(self, x: NDArray[np.float64]) -> None:
-        """Set the displacements. FElupe's mean dilatation is linear from its last state; told the same displacements
-        twice it is that of the displacements themselves, whatever came before."""
+        """Set the displacements.
+
+        FElupe's mean dilatation is linear from its last state; told the same displacements twice it is that of the
+        displacements themselves, whatever came before.
+        """
         displacement = x - self._points
         if np.array_equal(self._field[0].values, displacement) and not self._new:
             return

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, triu
 from scipy.sparse.linalg import splu
 
+from mbpam_ros.errors import MbpamError
+
 LinearSolver = Callable[[csr_matrix, NDArray[np.float64]], NDArray[np.float64]]
 Residual = Callable[[NDArray[np.float64], float], NDArray[np.float64]]
 Tangent = Callable[[NDArray[np.float64], float], csr_matrix]
@@ -21,7 +23,7 @@ SOLVERS = ("pardiso", "superlu")
 _ROUNDING = 1e-9
 
 
-class LoadStepError(RuntimeError):
+class LoadStepError(MbpamError, RuntimeError):
     """The load could not be raised further. ``reached`` is the last load with an equilibrium."""
 
     def __init__(self, message: str, reached: float) -> None:

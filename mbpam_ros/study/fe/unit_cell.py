@@ -330,7 +330,7 @@ class UnitCell:
         return coo_matrix((values, (rows, columns)), (self._fixed.size, self._count)).tocsr()
 
     def _curvature(self, unknowns: NDArray[np.float64], x: NDArray[np.float64], pressure: float) -> csr_matrix:
-        """sum f d2x/dq2: the end nodes' places are nonlinear in the angles."""
+        """Sum f d2x/dq2: the end nodes' places are nonlinear in the angles."""
         force = self._nodal_forces(x, pressure).reshape(-1, 3)[self._end_nodes]
         reach = self._flat(unknowns)[self._end_nodes, :2]
         orders = ((1, 0), (0, 1))[: self._angles.size]

@@ -304,8 +304,10 @@ def _cut(muscle: WholeMuscle, state: MuscleState) -> np.ndarray:
 
 
 def _sections(muscle: WholeMuscle, state: MuscleState) -> list[np.ndarray]:
-    """Faces of cells in the planes of the middle crest and of the valley after it, in the planes' own axes, shapes
-    (faces, 4, 2)."""
+    """Faces of cells in the planes of the middle crest and of the valley after it, shapes (faces, 4, 2).
+
+    In the planes' own axes.
+    """
     geometry, frames = muscle.geometry, muscle.frames
     crest_mm = muscle.ends.length_mm + (geometry.wave_count // 2) * geometry.wave_length_mm
     corners = muscle.mesh.cells[:, :4]  # the face of a cell that is toward the base

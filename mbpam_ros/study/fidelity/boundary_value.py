@@ -19,6 +19,7 @@ from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, FINGER_COUNT
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.study.fidelity.cases import Case
 from mbpam_ros.study.fidelity.runs import TICK_S, Record
@@ -28,7 +29,7 @@ Array = NDArray[np.float64]
 _TOLERANCE = 1e-9
 
 
-class BoundaryValueError(RuntimeError):
+class BoundaryValueError(MbpamError, RuntimeError):
     """The boundary-value problem was not solved."""
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.plant.fidelity import Measured
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ _FINEST_S, _SMALLEST_PT2 = 0.0005, 14.0
 _CPU_TICKS = (10, 20, 30, 50, 100, 200, 300, 500, 1000)
 
 
-class PictureError(RuntimeError):
+class PictureError(MbpamError, RuntimeError):
     """The picture cannot be drawn or written; the message says why."""
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.study.fidelity.boundary_value import hanging_tip_m
 
@@ -28,11 +29,11 @@ SAMPLE_S, SAMPLES, SETTLED_S = 0.030, 20, 2.1
 """Tips are compared every 30 ms for 0.6 s, and once more when all has come to rest. Steps divide 30 ms."""
 
 
-class PeerMissingError(ImportError):
+class PeerMissingError(MbpamError, ImportError):
     """A simulator to compare with is not installed."""
 
 
-class ReferenceSolutionError(RuntimeError):
+class ReferenceSolutionError(MbpamError, RuntimeError):
     """Our converged solution and the boundary value problem do not agree."""
 
 

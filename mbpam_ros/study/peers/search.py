@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
+from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.peers.problem import Array, TipErrors, sample_tips, tip_errors
 
 TIMED_S, SEARCHED_S = 3.0, 0.6
@@ -17,7 +18,7 @@ SEARCHED_RUNS = 3
 """Of these the least counts in the search: a run of ours takes a tenth of a millisecond, and what disturbs it more."""
 
 
-class AccuracyError(RuntimeError):
+class AccuracyError(MbpamError, RuntimeError):
     """No setting that was tried is accurate enough."""
 
 

@@ -8,12 +8,12 @@ from scipy.interpolate import RBFInterpolator
 
 pytest.importorskip("sklearn")
 
-from sklearn.gaussian_process import GaussianProcessRegressor  # noqa: E402
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, Matern  # noqa: E402
-from sklearn.kernel_ridge import KernelRidge  # noqa: E402
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, Matern
+from sklearn.kernel_ridge import KernelRidge
 
-from mbpam_ros.actuator.design import PAPER_DOMAIN  # noqa: E402
-from mbpam_ros.actuator.metamodel import (  # noqa: E402
+from mbpam_ros.actuator.design import PAPER_DOMAIN
+from mbpam_ros.actuator.metamodel import (
     CORRELATIONS,
     TRAINING_TABLE,
     TRENDS,

@@ -8,11 +8,11 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.study.fe import commands  # noqa: E402
-from mbpam_ros.study.fe.calibrate_fe import main  # noqa: E402
-from mbpam_ros.study.fe.design_run import Run, settings  # noqa: E402
-from mbpam_ros.study.fe.mesh import CellGeometry  # noqa: E402
-from mbpam_ros.study.fe.solve import LoadStepError  # noqa: E402
+from mbpam_ros.study.fe import commands
+from mbpam_ros.study.fe.calibrate_fe import main
+from mbpam_ros.study.fe.design_run import Run, settings
+from mbpam_ros.study.fe.mesh import CellGeometry
+from mbpam_ros.study.fe.solve import LoadStepError
 
 COMMAND = [sys.executable, "-u", "-m", "mbpam_ros.study.fe.calibrate_fe"]
 
@@ -134,7 +134,7 @@ def test_without_felupe_the_extra_is_named(monkeypatch, capsys):
     assert "pip install '.[fem]'" in capsys.readouterr().err
 
 
-class threads:  # noqa: N801, stands in for a function
+class threads:
     """Jobs in this process, so that they can be replaced."""
 
     def __init__(self, workers, dask=None):

@@ -6,11 +6,11 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.study.fe import ablations  # noqa: E402
-from mbpam_ros.study.fe.design_run import Run  # noqa: E402
-from mbpam_ros.study.fe.mesh import CellGeometry  # noqa: E402
-from mbpam_ros.study.fe.paper_comparison import paper_points  # noqa: E402
-from mbpam_ros.study.progress_bar import ProgressBar  # noqa: E402
+from mbpam_ros.study.fe import ablations
+from mbpam_ros.study.fe.design_run import Run
+from mbpam_ros.study.fe.mesh import CellGeometry
+from mbpam_ros.study.fe.paper_comparison import paper_points
+from mbpam_ros.study.progress_bar import ProgressBar
 
 
 def test_the_fit_is_judged_without_the_points_kept_for_the_last_check():

@@ -4,8 +4,8 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.study.fe.design_run import MESHES, Run, bend_curve, nominal_values  # noqa: E402
-from mbpam_ros.study.fe.mesh import CellGeometry  # noqa: E402
+from mbpam_ros.study.fe.design_run import MESHES, Run, bend_curve, nominal_values
+from mbpam_ros.study.fe.mesh import CellGeometry
 
 STIFF = Run(CellGeometry(a_mm=1.5, c_mm=3.0), "psc", MESHES["coarse"])
 """A muscle that bends little: its runs are short."""

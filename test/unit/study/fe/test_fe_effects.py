@@ -5,11 +5,11 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.study.fe import effects  # noqa: E402
-from mbpam_ros.study.fe.design_run import Run  # noqa: E402
-from mbpam_ros.study.fe.mesh import CellGeometry  # noqa: E402
-from mbpam_ros.study.fe.solve import LoadStepError  # noqa: E402
-from mbpam_ros.study.progress_bar import ProgressBar  # noqa: E402
+from mbpam_ros.study.fe import effects
+from mbpam_ros.study.fe.design_run import Run
+from mbpam_ros.study.fe.mesh import CellGeometry
+from mbpam_ros.study.fe.solve import LoadStepError
+from mbpam_ros.study.progress_bar import ProgressBar
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,12 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.study.fe.design_run import MESHES, Run  # noqa: E402
-from mbpam_ros.study.fe.executors import ExecutorError, open_executor  # noqa: E402
-from mbpam_ros.study.fe.job_queue import ResultFile, run_jobs  # noqa: E402
-from mbpam_ros.study.fe.mesh import CellGeometry  # noqa: E402
-from mbpam_ros.study.fe.paper_comparison import curve_row  # noqa: E402
-from mbpam_ros.study.progress_bar import ProgressBar  # noqa: E402
+from mbpam_ros.study.fe.design_run import MESHES, Run
+from mbpam_ros.study.fe.executors import ExecutorError, open_executor
+from mbpam_ros.study.fe.job_queue import ResultFile, run_jobs
+from mbpam_ros.study.fe.mesh import CellGeometry
+from mbpam_ros.study.fe.paper_comparison import curve_row
+from mbpam_ros.study.progress_bar import ProgressBar
 
 
 def test_an_interrupt_does_not_wait_for_the_jobs_that_have_begun():

@@ -6,9 +6,9 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.study.fe.job_queue import ResultFile, ResultFileError, run_jobs  # noqa: E402
-from mbpam_ros.study.fe.solve import LoadStepError  # noqa: E402
-from mbpam_ros.study.progress_bar import ProgressBar  # noqa: E402
+from mbpam_ros.study.fe.job_queue import ResultFile, ResultFileError, run_jobs
+from mbpam_ros.study.fe.solve import LoadStepError
+from mbpam_ros.study.progress_bar import ProgressBar
 
 JOBS = {name: (name, number) for number, name in enumerate("abcd")}
 

@@ -5,10 +5,10 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.configuration import config_path  # noqa: E402
-from mbpam_ros.study.fe.design_run import MESHES, Run, settings  # noqa: E402
-from mbpam_ros.study.fe.law_table import law_at_pressure  # noqa: E402
-from mbpam_ros.study.fe.mesh import CellGeometry  # noqa: E402
+from mbpam_ros.configuration import config_path
+from mbpam_ros.study.fe.design_run import MESHES, Run, settings
+from mbpam_ros.study.fe.law_table import law_at_pressure
+from mbpam_ros.study.fe.mesh import CellGeometry
 
 STIFF = Run(CellGeometry(a_mm=1.5, c_mm=3.0), "psc", MESHES["coarse"])
 

@@ -6,11 +6,11 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.study.fe.design_run import MESHES, Run  # noqa: E402
-from mbpam_ros.study.fe.law import BendingLaw  # noqa: E402
-from mbpam_ros.study.fe.mesh import CellGeometry  # noqa: E402
-from mbpam_ros.study.fe.muscle_shape import MuscleShape, muscle_shapes, outer_faces  # noqa: E402
-from mbpam_ros.study.fe.pictures import (  # noqa: E402
+from mbpam_ros.study.fe.design_run import MESHES, Run
+from mbpam_ros.study.fe.law import BendingLaw
+from mbpam_ros.study.fe.mesh import CellGeometry
+from mbpam_ros.study.fe.muscle_shape import MuscleShape, muscle_shapes, outer_faces
+from mbpam_ros.study.fe.pictures import (
     PictureError,
     draw_ablations,
     draw_curves,
@@ -20,7 +20,7 @@ from mbpam_ros.study.fe.pictures import (  # noqa: E402
     draw_sections,
     require_matplotlib,
 )
-from mbpam_ros.study.fe.posture import upright_bends_rad, upright_tip_angle_rad  # noqa: E402
+from mbpam_ros.study.fe.posture import upright_bends_rad, upright_tip_angle_rad
 
 RUN = Run(CellGeometry(a_mm=1.5, c_mm=3.0), "pdc", MESHES["coarse"])
 

@@ -7,17 +7,17 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.study.fe import paper_comparison  # noqa: E402
-from mbpam_ros.study.fe.design_run import MESHES, Run  # noqa: E402
-from mbpam_ros.study.fe.job_queue import ResultFileError  # noqa: E402
-from mbpam_ros.study.fe.mesh import CellGeometry  # noqa: E402
-from mbpam_ros.study.fe.paper_comparison import (  # noqa: E402
+from mbpam_ros.study.fe import paper_comparison
+from mbpam_ros.study.fe.design_run import MESHES, Run
+from mbpam_ros.study.fe.job_queue import ResultFileError
+from mbpam_ros.study.fe.mesh import CellGeometry
+from mbpam_ros.study.fe.paper_comparison import (
     PaperPoint,
     compare_with_paper,
     error_summary,
     paper_points,
 )
-from mbpam_ros.study.progress_bar import ProgressBar  # noqa: E402
+from mbpam_ros.study.progress_bar import ProgressBar
 
 TEMPLATE = Run(CellGeometry(c_mm=3.0), "psc", MESHES["coarse"])
 POINTS = (PaperPoint("table_1:1", 1.5, 2.0, 20.0, 0.5, "psc"), PaperPoint("table_2:1", 1.6, 2.0, 21.0, 0.5, "psc"))

@@ -6,12 +6,12 @@ from scipy.interpolate import PchipInterpolator
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.actuator.design import MuscleGeometry  # noqa: E402
-from mbpam_ros.actuator.planar_rod import rod_tip_angle  # noqa: E402
-from mbpam_ros.study.fe.law import BendingLaw  # noqa: E402
-from mbpam_ros.study.fe.mesh import CellGeometry, Resolution  # noqa: E402
-from mbpam_ros.study.fe.posture import SILICONE_DENSITY_KG_M3, upright_tip_angle_rad, weight_n_mm  # noqa: E402
-from mbpam_ros.study.fe.unit_cell import UnitCell  # noqa: E402
+from mbpam_ros.actuator.design import MuscleGeometry
+from mbpam_ros.actuator.planar_rod import rod_tip_angle
+from mbpam_ros.study.fe.law import BendingLaw
+from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
+from mbpam_ros.study.fe.posture import SILICONE_DENSITY_KG_M3, upright_tip_angle_rad, weight_n_mm
+from mbpam_ros.study.fe.unit_cell import UnitCell
 
 GEOMETRY = CellGeometry()
 SMALL = Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2)

@@ -9,14 +9,14 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.study.fe.chamber_volume import ChamberVolume  # noqa: E402
-from mbpam_ros.study.fe.design_run import Run, settings  # noqa: E402
-from mbpam_ros.study.fe.material import Silicone, YeohMaterial  # noqa: E402
-from mbpam_ros.study.fe.mesh import CellGeometry, Resolution, unit_cell_mesh  # noqa: E402
-from mbpam_ros.study.fe.muscle_mesh import muscle_mesh  # noqa: E402
-from mbpam_ros.study.fe.solid_body import SolidBody  # noqa: E402
-from mbpam_ros.study.fe.tetrahedra import CUT, FACES  # noqa: E402
-from mbpam_ros.study.fe.unit_cell import UnitCell  # noqa: E402
+from mbpam_ros.study.fe.chamber_volume import ChamberVolume
+from mbpam_ros.study.fe.design_run import Run, settings
+from mbpam_ros.study.fe.material import Silicone, YeohMaterial
+from mbpam_ros.study.fe.mesh import CellGeometry, Resolution, unit_cell_mesh
+from mbpam_ros.study.fe.muscle_mesh import muscle_mesh
+from mbpam_ros.study.fe.solid_body import SolidBody
+from mbpam_ros.study.fe.tetrahedra import CUT, FACES
+from mbpam_ros.study.fe.unit_cell import UnitCell
 
 HEXAHEDRA = Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2)
 SINGLE, GROUPED = (replace(HEXAHEDRA, tetrahedra=kind) for kind in ("single", "grouped"))

@@ -5,9 +5,9 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.study.fe import self_contact  # noqa: E402
-from mbpam_ros.study.fe.mesh import CellGeometry, Resolution, unit_cell_mesh  # noqa: E402
-from mbpam_ros.study.fe.self_contact import SelfContact, clearance, fold_opening  # noqa: E402
+from mbpam_ros.study.fe import self_contact
+from mbpam_ros.study.fe.mesh import CellGeometry, Resolution, unit_cell_mesh
+from mbpam_ros.study.fe.self_contact import SelfContact, clearance, fold_opening
 
 THIN = CellGeometry(a_mm=1.8, b_mm=1.0)
 UP = np.array([0.0, 0.0, 1.0])

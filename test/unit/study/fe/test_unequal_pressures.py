@@ -6,11 +6,11 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.configuration import config_path  # noqa: E402
-from mbpam_ros.study.fe import unequal_pressures  # noqa: E402
-from mbpam_ros.study.fe.design_run import Run, settings  # noqa: E402
-from mbpam_ros.study.fe.mesh import CellGeometry, Resolution  # noqa: E402
-from mbpam_ros.study.fe.unequal_pressures import PRESSURES_KPA, SHARES, section_for, unequal_rows  # noqa: E402
+from mbpam_ros.configuration import config_path
+from mbpam_ros.study.fe import unequal_pressures
+from mbpam_ros.study.fe.design_run import Run, settings
+from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
+from mbpam_ros.study.fe.unequal_pressures import PRESSURES_KPA, SHARES, section_for, unequal_rows
 
 SMALL = Run(CellGeometry(), "psc", Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2))
 STORED = json.loads(config_path("data/fe_unequal_pressures.json").read_text(encoding="utf-8"))

@@ -5,12 +5,12 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.study.fe.mesh import CellGeometry, Resolution  # noqa: E402
-from mbpam_ros.study.fe.muscle_mesh import EndPieces  # noqa: E402
-from mbpam_ros.study.fe.plate_contact import Plate  # noqa: E402
-from mbpam_ros.study.fe.solve import LoadStepError, StepControl  # noqa: E402
-from mbpam_ros.study.fe.unit_cell import UnitCell  # noqa: E402
-from mbpam_ros.study.fe.whole_muscle import WholeMuscle  # noqa: E402
+from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
+from mbpam_ros.study.fe.muscle_mesh import EndPieces
+from mbpam_ros.study.fe.plate_contact import Plate
+from mbpam_ros.study.fe.solve import LoadStepError, StepControl
+from mbpam_ros.study.fe.unit_cell import UnitCell
+from mbpam_ros.study.fe.whole_muscle import WholeMuscle
 
 SMALL = Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2)
 QUADRATIC = Resolution(wave=2, wall=1, arm=2, spoke=2, sector=2, quadratic=True)

@@ -6,11 +6,11 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.study.fe import whole_muscle, whole_muscle_report  # noqa: E402
-from mbpam_ros.study.fe.mesh import CellGeometry, Resolution  # noqa: E402
-from mbpam_ros.study.fe.muscle_mesh import EndPieces  # noqa: E402
-from mbpam_ros.study.fe.solve import StepControl  # noqa: E402
-from mbpam_ros.study.fe.whole_muscle_report import Case, draw, main, mesh_study, run_case, unit_cells_deg  # noqa: E402
+from mbpam_ros.study.fe import whole_muscle, whole_muscle_report
+from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
+from mbpam_ros.study.fe.muscle_mesh import EndPieces
+from mbpam_ros.study.fe.solve import StepControl
+from mbpam_ros.study.fe.whole_muscle_report import Case, draw, main, mesh_study, run_case, unit_cells_deg
 
 COARSE = Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2)
 STIFF = Case(CellGeometry(a_mm=1.5, c_mm=3.0, wave_count=1.0, active_length_mm=7.0), "psc", COARSE, EndPieces(4.0, 2.0))
