@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from mbpam_ros.nodes.system import NODES, NodeProcesses, NodeSystemError, Operator, exit_on_stop_signals  # isort: skip
+from mbpam_ros.nodes.system import NodeProcesses, NodeSystemError, Operator, exit_on_stop_signals  # isort: skip
 import numpy as np
 import psutil
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -32,6 +32,7 @@ from std_srvs.srv import SetBool, Trigger
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.nodes.interface import NODES
 from mbpam_ros.nodes.messages import joint_state
 from mbpam_ros.nodes.progress import LiveLine, table
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mbpam_ros.nodes.system import NODES, NodeProcesses, NodeSystemError, Operator, exit_on_stop_signals  # isort: skip
+from mbpam_ros.nodes.system import NodeProcesses, NodeSystemError, Operator, exit_on_stop_signals  # isort: skip
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from domain_coordinator import domain_id
@@ -24,6 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.configuration import ConfigError
+from mbpam_ros.nodes.interface import NODES
 from mbpam_ros.nodes.progress import LiveLine, table
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
 from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene

@@ -24,6 +24,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 
 from mbpam_ros.configuration import ConfigError
+from mbpam_ros.nodes.command_line import answer
 from mbpam_ros.nodes.exit_timer import exits_after
 from mbpam_ros.nodes.lateness import Lateness
 from mbpam_ros.nodes.messages import time_stamp
@@ -205,9 +206,12 @@ def run(*factories: Callable[[], GripperNode], arguments: Sequence[str] | None =
         arguments: command line with its ROS arguments; ``sys.argv`` by default.
 
     Returns:
-        Exit code: 0 after a signal, 1 after a node failed (``GripperNode.fail``), 2 for a configuration that cannot
-        be used. What went wrong goes to standard error as one line.
+        Exit code: 0 after a signal or ``--help``, 1 after a node failed (``GripperNode.fail``), 2 for arguments or a
+        configuration that cannot be used. What went wrong goes to standard error as one line.
     """
+    code = answer(sys.argv if arguments is None else arguments, factories)
+    if code is not None:
+        return code
     stop_requested = _catch_stop_signals()
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)

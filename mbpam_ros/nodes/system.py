@@ -20,10 +20,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.errors import MbpamError
-from mbpam_ros.grasp.modes import MODE_NAMES
-
-NODES = ("plant", "pressure_sensor", "valve_controller", "state_estimator", "object_detector", "grasp_arbiter")
-"""The executables of a gripper, in the order of the data flow."""
+from mbpam_ros.nodes.interface import NODES, SERVICES, SET_BOOL, TRIGGER
 
 STOP_TIMEOUT_S = 30.0
 """Ending takes 1 s, several on a busy machine or when the middleware hangs (``TEAR_DOWN_TIMEOUT_S``)."""
@@ -102,13 +99,7 @@ class NodeProcesses:
         return {executable: process.returncode for executable, process in self.processes.items()}
 
 
-SERVICES: Mapping[str, type] = {
-    **{f"grasp/{name}": Trigger for name in (*MODE_NAMES, "auto", "release", "stop", "reset")},
-    **{f"plant/{name}": Trigger for name in ("reset", "lift", "lower")},
-    "pressure_sensor/zero": Trigger,
-    "valve_controller/enable": SetBool,
-}
-"""The gripper's services."""
+_SERVICE_TYPES = {TRIGGER: Trigger, SET_BOOL: SetBool}
 
 
 class Operator:
@@ -131,7 +122,8 @@ class Operator:
         self._idle = idle
         # Made before anybody calls: a server that sees a client late loses its request or the answer to it.
         self._clients: dict[str, Client] = {
-            name: self.node.create_client(service_type, name) for name, service_type in SERVICES.items()
+            service.name: self.node.create_client(_SERVICE_TYPES[service.service_type], service.name)
+            for service in SERVICES
         }
         self.health: dict[str, tuple[bytes, str, dict[str, str]]] = {}
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)

@@ -13,7 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from mbpam_ros.nodes.system import NODES, Operator  # isort: skip
+from mbpam_ros.nodes.interface import NODES
+
+from mbpam_ros.nodes.system import Operator  # isort: skip
 
 SOURCE = Path(__file__).parents[2]
 DESIGN_STUDY = {"sample_design", "compare_metamodels", "optimise_design"}

@@ -14,6 +14,7 @@ from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import BEND_NAMES, CHANNEL_NAMES, FINGER_NAMES
 from mbpam_ros.nodes.grasp_arbiter import GraspArbiterNode
+from mbpam_ros.nodes.interface import NODES, SERVICES, TOPICS
 from mbpam_ros.nodes.messages import joint_state, seconds, time_stamp
 from mbpam_ros.nodes.object_detector import ObjectDetectorNode
 from mbpam_ros.nodes.plant import PlantNode
@@ -24,47 +25,6 @@ from mbpam_ros.nodes.valve_controller import ValveControllerNode
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")
 
-ALL = {"plant", "pressure_sensor", "valve_controller", "state_estimator", "object_detector", "grasp_arbiter"}
-TOPICS = [
-    # topic, type, published by, listened to by
-    ("transducers", "sensor_msgs/msg/JointState", {"plant"}, {"pressure_sensor"}),
-    (
-        "chamber_states",
-        "sensor_msgs/msg/JointState",
-        {"pressure_sensor"},
-        {"valve_controller", "state_estimator", "grasp_arbiter"},
-    ),
-    *(
-        (f"chamber_{finger}_{chamber}/pressure", "sensor_msgs/msg/FluidPressure", {"pressure_sensor"}, set())
-        for finger in range(1, 5)
-        for chamber in range(1, 5)
-    ),
-    ("pressure_setpoints", "sensor_msgs/msg/JointState", {"grasp_arbiter"}, {"valve_controller"}),
-    ("valve_commands", "sensor_msgs/msg/JointState", {"valve_controller"}, {"plant"}),
-    ("joint_states", "sensor_msgs/msg/JointState", {"state_estimator"}, set()),
-    ("finger_tips", "geometry_msgs/msg/PoseArray", {"state_estimator"}, set()),
-    ("finger_forces", "sensor_msgs/msg/JointState", {"state_estimator"}, set()),
-    ("finger_markers", "visualization_msgs/msg/MarkerArray", {"state_estimator"}, set()),
-    ("plant/finger_markers", "visualization_msgs/msg/MarkerArray", {"plant"}, set()),
-    ("camera/image_raw", "sensor_msgs/msg/Image", {"plant"}, {"object_detector"}),
-    ("camera/camera_info", "sensor_msgs/msg/CameraInfo", {"plant"}, {"object_detector"}),
-    ("detections", "visualization_msgs/msg/MarkerArray", {"object_detector"}, {"grasp_arbiter"}),
-    ("detections/image", "sensor_msgs/msg/CompressedImage", {"object_detector"}, set()),
-    ("grasp_state", "diagnostic_msgs/msg/DiagnosticStatus", {"grasp_arbiter"}, {"valve_controller"}),
-    ("grasp_pose", "geometry_msgs/msg/PoseStamped", {"grasp_arbiter"}, set()),
-]
-SERVICES = {
-    "grasp_arbiter": {
-        f"grasp/{name}": "std_srvs/srv/Trigger"
-        for name in ("envelope", "short_rod", "slender_rod", "mid_rod", "auto", "release", "stop", "reset")
-    },
-    "valve_controller": {"valve_controller/enable": "std_srvs/srv/SetBool"},
-    "pressure_sensor": {"pressure_sensor/zero": "std_srvs/srv/Trigger"},
-    "plant": {f"plant/{name}": "std_srvs/srv/Trigger" for name in ("reset", "lift", "lower")},
-    "state_estimator": {},
-    "object_detector": {},
-}
-LATCHED_TOPICS = {"grasp_state", "grasp_pose"}
 BEST_EFFORT_INPUTS = {"transducers", "chamber_states", "valve_commands"}  # drivers may publish them either way
 OF_ROS_ITSELF = {"/rosout", "/parameter_events", "/clock", "/diagnostics"}
 
@@ -83,24 +43,25 @@ def add_gripper(graph, namespace="", remap=None, clock=True, **plant):
 @pytest.mark.parametrize("namespace", ["", "/left"])
 def test_topics_have_the_names_types_and_ends_of_the_interface_table(graph, namespace):
     add_gripper(graph, namespace)
-    for topic, message_type, publishers, subscribers in TOPICS:
-        name = f"{namespace}/{topic}"
+    names = {name: topic for topic in TOPICS for name in topic.names}
+    for relative_name, topic in names.items():
+        name = f"{namespace}/{relative_name}"
         outgoing = graph.test_node.get_publishers_info_by_topic(name)
         incoming = graph.test_node.get_subscriptions_info_by_topic(name)
-        assert {end.node_name for end in outgoing} == publishers, name
-        assert {end.node_name for end in incoming} == subscribers, name
-        assert {end.topic_type for end in [*outgoing, *incoming]} == {message_type}, name
+        assert {end.node_name for end in outgoing} == set(topic.publishers), name
+        assert {end.node_name for end in incoming} == set(topic.subscribers), name
+        assert {end.topic_type for end in [*outgoing, *incoming]} == {topic.message_type}, name
         assert {end.qos_profile.reliability for end in outgoing} == {ReliabilityPolicy.RELIABLE}, name
         best_effort = {end.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT for end in incoming}
-        assert best_effort <= {topic in BEST_EFFORT_INPUTS}, name
+        assert best_effort <= {relative_name in BEST_EFFORT_INPUTS}, name
         latched = {end.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL for end in outgoing}
-        assert latched == {topic in LATCHED_TOPICS}, name
+        assert latched == {topic.latched}, name
     present = {name for name, _ in graph.test_node.get_topic_names_and_types()}
-    assert present - OF_ROS_ITSELF == {f"{namespace}/{topic}" for topic, *_ in TOPICS}
+    assert present - OF_ROS_ITSELF == {f"{namespace}/{name}" for name in names}
     clocks = graph.test_node.get_publishers_info_by_topic("/clock")
     assert [(end.node_name, end.topic_type) for end in clocks] == [("plant", "rosgraph_msgs/msg/Clock")]
     reporters = graph.test_node.get_publishers_info_by_topic("/diagnostics")
-    assert {end.node_name for end in reporters} == ALL
+    assert {end.node_name for end in reporters} == set(NODES)
     assert {end.topic_type for end in reporters} == {"diagnostic_msgs/msg/DiagnosticArray"}
 
 
@@ -108,7 +69,8 @@ def test_topics_have_the_names_types_and_ends_of_the_interface_table(graph, name
 def test_services_have_the_names_and_types_of_the_interface_table(graph, namespace):
     add_gripper(graph, namespace)
     of_rclpy = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
-    for node, services in SERVICES.items():
+    for node in NODES:
+        services = {service.name: service.service_type for service in SERVICES if service.node == node}
         offered = graph.test_node.get_service_names_and_types_by_node(node, namespace or "/")
         ours = {name: types[0] for name, types in offered if not types[0].startswith(of_rclpy)}
         assert ours == {f"{namespace}/{name}": service_type for name, service_type in services.items()}, node
@@ -179,7 +141,7 @@ def test_a_running_gripper_fills_every_topic_as_the_interface_table_says(graph):
 def test_every_node_reports_its_health_under_its_full_name(graph, namespace):
     reports = graph.listen(DiagnosticArray, "/diagnostics")
     add_gripper(graph, namespace, clock=False, camera_rate_hz=0.0)
-    wanted = {f"{namespace}/{name}" for name in ALL}
+    wanted = {f"{namespace}/{name}" for name in NODES}
     graph.spin_until(lambda: {item.status[0].name for item in reports} >= wanted, "six reports")
     assert {item.status[0].name for item in reports} == wanted
     assert {item.status[0].hardware_id for item in reports} == {namespace.strip("/") or "gripper"}

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from mbpam_ros.nodes.system import NODES, NodeProcesses, NodeSystemError, Operator  # isort: skip
+from mbpam_ros.nodes.system import NodeProcesses, NodeSystemError, Operator  # isort: skip
 import numpy as np
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -24,6 +24,7 @@ from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.configuration import config_path
+from mbpam_ros.nodes.interface import NODES, SERVICES, TOPICS
 from mbpam_ros.nodes.messages import joint_state, time_stamp
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
 
@@ -213,6 +214,40 @@ def test_ros_arguments_that_cannot_be_read_end_the_executable_with_code_2(domain
     assert ended.returncode == 2
     assert "Traceback" not in ended.stderr
     assert ended.stderr.splitlines()[-1].startswith("error: ") and "/nowhere/nodes.yaml" in ended.stderr
+
+
+@pytest.mark.parametrize("executable", [*NODES, "bringup"])
+def test_help_says_what_a_node_does_and_takes_and_starts_none(executable):
+    ended = subprocess.run(
+        [sys.executable, "-m", f"mbpam_ros.nodes.{executable}", "--help"],
+        capture_output=True,
+        text=True,
+        timeout=START_S,
+    )
+    assert ended.returncode == 0 and not ended.stderr
+    nodes, prefix = ([executable], "") if executable in NODES else (NODES, "{}:")
+    for name in nodes:
+        module = importlib.import_module(f"mbpam_ros.nodes.{name}")
+        said = [module.__doc__.strip(), *(prefix.format(name) + parameter.name for parameter in module.PARAMETERS)]
+        said += [topic.name for topic in TOPICS if name in (*topic.publishers, *topic.subscribers)]
+        said += [service.name for service in SERVICES if service.node == name]
+        assert not [text for text in said if text not in ended.stdout]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "cure"),
+    [
+        (["-p", "plant:scene:=tomato"], "bringup --ros-args -p plant:scene:=tomato"),
+        (["tomato"], "see bringup -h"),
+        (["--ros-args", "-p", "plant:scene:=tomato", "--", "--verbose"], "unknown argument --verbose"),
+    ],
+)
+def test_arguments_that_nobody_would_read_are_refused_with_the_right_spelling(arguments, cure):
+    command = [sys.executable, "-m", "mbpam_ros.nodes.bringup", *arguments]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=START_S)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("error: bringup: unknown argument ") and cure in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
 
 
 def test_after_kill_of_the_valve_controller_the_object_stays_held_and_a_restart_recovers(start):

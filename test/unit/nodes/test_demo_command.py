@@ -11,8 +11,9 @@ from mbpam_ros.nodes import demo  # isort: skip
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from mbpam_ros.nodes.demo import GraspResult, Watcher
+from mbpam_ros.nodes.interface import NODES
 from mbpam_ros.nodes.progress import LiveLine
-from mbpam_ros.nodes.system import NODES, NodeSystemError
+from mbpam_ros.nodes.system import NodeSystemError
 from mbpam_ros.plant.scene import PAPER_SCENES, load_scene
 
 FIELDS = ["object", "mode", "expected_mode", "detected_size_m", "true_size_m", "held", "rise_m", "close_s"]

@@ -1,0 +1,86 @@
+"""What a node's command line says besides its ROS arguments: help, or what nobody would read."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from mbpam_ros.nodes.interface import SERVICES, TOPICS
+from mbpam_ros.nodes.parameters import Parameter
+from mbpam_ros.nodes.progress import table
+
+_HELP = ("-h", "--help")
+
+
+def answer(arguments: Sequence[str], factories: Sequence[Callable]) -> int | None:
+    """Print help or refuse what is no ROS argument; return the exit code, None if the nodes are to run.
+
+    Args:
+        arguments: the whole command line, the executable first.
+        factories: the node classes of this executable, each in the module of its node with its ``PARAMETERS``.
+    """
+    name, left = Path(arguments[0]).stem, besides_ros(arguments[1:])
+    if not left:
+        return None
+    if any(argument in _HELP for argument in left):
+        print(help_text(name, factories))
+        return 0
+    given = " ".join(left)
+    for_ros = left[0].startswith("-") or ":=" in left[0]
+    cure = f"ROS arguments follow --ros-args: {name} --ros-args {given}" if for_ros else f"see {name} -h"
+    print(f"error: {name}: unknown argument {given}; {cure}", file=sys.stderr)
+    return 2
+
+
+def besides_ros(arguments: Sequence[str]) -> list[str]:
+    """Return what does not stand between ``--ros-args`` and ``--``, or the end.
+
+    ROS would take ``old:=new`` elsewhere too, as it did long ago, and with it swallow half of ``-p name:=value``.
+    """
+    left, ros = [], False
+    for argument in arguments:
+        if argument == "--ros-args":
+            ros = True
+        elif ros and argument == "--":
+            ros = False
+        elif not ros:
+            left.append(argument)
+    return left
+
+
+def help_text(program: str, factories: Sequence[Callable]) -> str:
+    """Return what the executable's nodes do, and their parameters, topics and services."""
+    modules = [sys.modules[factory.__module__] for factory in factories]
+    nodes = [Path(module.__file__).stem for module in modules]  # a name would be __main__ where one is run itself
+    prefixes = [f"{node}:" if len(nodes) > 1 else "" for node in nodes]
+    lines = [
+        f"usage: {program} [-h] [--ros-args [-p NAME:=VALUE] [-r OLD:=NEW] [--params-file FILE] [-r __ns:=/NAME] ...]",
+        *("", "\n".join(module.__doc__.strip() for module in modules), "", "parameters"),
+        table(
+            ("name", "default", "range", "meaning"),
+            [
+                _parameter_row(prefix, parameter)
+                for prefix, module in zip(prefixes, modules, strict=True)
+                for parameter in module.PARAMETERS
+            ],
+        ),
+    ]
+    listens = [topic for topic in TOPICS if set(nodes) & set(topic.subscribers)]
+    publishes = [topic for topic in TOPICS if set(nodes) & set(topic.publishers)]
+    for title, topics in (("listens to", listens), ("publishes (and /diagnostics)", publishes)):
+        if topics:
+            rows = [(topic.name, topic.message_type, topic.meaning) for topic in topics]
+            lines += ["", title, table(("topic", "type", "meaning"), rows)]
+    services = [(each.name, each.service_type, each.meaning) for each in SERVICES if each.node in nodes]
+    if services:
+        lines += ["", "serves", table(("service", "type", "meaning"), services)]
+    return "\n".join(lines)
+
+
+def _parameter_row(prefix: str, parameter: Parameter) -> tuple[str, str, str, str]:
+    default = parameter.default
+    shown = str(default).lower() if isinstance(default, bool) else f"{default}" if default != "" else "''"
+    limits = "" if parameter.low is None else f"{parameter.low:g} .. {parameter.high:g}"
+    changeable = "; may be set while it runs" if parameter.changeable else ""
+    return prefix + parameter.name, f"{shown} ({type(default).__name__})", limits, parameter.description + changeable
