@@ -48,6 +48,7 @@ setup(
     maintainer="mbpam_ros maintainers",
     maintainer_email="mbpam_ros@example.org",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed"]},
     data_files=shared_files(),
     python_requires=">=3.10",
     install_requires=["setuptools", "numpy", "scipy", "numba", "opencv-python-headless", "pyyaml"],

@@ -25,7 +25,8 @@ ALLOWED = {
     "estimation": MACHINE,
     "grasp": MACHINE,
     "vision": MACHINE,
-    "study": MACHINE | {"plant", "estimation", "grasp", "vision"},
+    "simulation": MACHINE | {"plant", "estimation", "grasp", "vision"},
+    "study": MACHINE | {"plant", "estimation", "grasp", "vision", "simulation"},
     "nodes": MACHINE | {"plant", "estimation", "grasp", "vision", "study"},
 }
 """Which parts of the package a part may import, besides itself."""

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.arbitration import Phase
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.scene import Scene
 from mbpam_ros.plant.tiers import PlantDivergedError
-from mbpam_ros.study.grasp.closed_loop import TICK_S, ClosedLoop
+from mbpam_ros.simulation import TICK_S, Simulation
 
 HELD_SHARE = 0.9
 """An object that rose by this part of the hand's rise, and stays there, is held."""
@@ -73,17 +74,19 @@ def run_trial(scene: Scene, gripper: Gripper, grip_pressure_gauge_pa: float | No
         TierError: no such tier, or it cannot compute what the scene holds.
         PlantDivergedError: the object at rest already leaves what can be.
     """
-    loop = ClosedLoop(scene, gripper, grip_pressure_gauge_pa)
-    _run(loop, _REST_S)
-    start_m, course = loop.seen.object_in_world.position_m[2], _Course()
+    if scene.object is None:
+        raise ConfigError(f"scene {scene.name}: nothing to grasp; name an object in it")
+    simulation = Simulation(scene, gripper, grip_pressure_gauge_pa)
+    simulation.run(_REST_S)
+    start_m, course = simulation.seen.object_in_world.position_m[2], _Course()
     try:
-        _close(loop, course)
+        _close(simulation, course)
         if course.close_s is not None:
-            loop.lift()
-            _run(loop, scene.config.lift.duration_s + HOLD_S)
+            simulation.lift()
+            simulation.run(_whole_ticks(scene.config.lift.duration_s + HOLD_S))
     except PlantDivergedError as error:
         course.note = str(error)
-    seen = loop.seen
+    seen = simulation.seen
     rise_m = float(start_m - seen.object_in_world.position_m[2])
     up = course.close_s is not None and rise_m >= HELD_SHARE * scene.config.lift.height_m
     still = float(np.linalg.norm(seen.object_in_world.velocity_m_s)) < STILL_M_S
@@ -109,24 +112,23 @@ class _Course:
     note: str = ""
 
 
-def _close(loop: ClosedLoop, course: _Course) -> None:
+def _close(simulation: Simulation, course: _Course) -> None:
     """Ask for a grasp and follow it until the arbiter has closed, refused or given up."""
-    asked_s = loop.seen.time_s
-    answer = loop.grasp()
+    asked_s = simulation.seen.time_s
+    answer = simulation.grasp()
     if not answer.accepted:
         course.note = answer.reason
         return
-    course.mode = loop.decision.mode
-    while loop.decision.phase is Phase.CLOSING:  # the arbiter's own time limit ends it
-        loop.tick()
-        if course.touch_s is None and loop.seen.finger_force_n.any():
-            course.touch_s = loop.seen.time_s - asked_s
-    if loop.decision.phase is Phase.HOLDING:
-        course.close_s = loop.seen.time_s - asked_s
+    course.mode = simulation.decision.mode
+    while simulation.decision.phase is Phase.CLOSING:  # the arbiter's own time limit ends it
+        simulation.tick()
+        if course.touch_s is None and simulation.seen.finger_force_n.any():
+            course.touch_s = simulation.seen.time_s - asked_s
+    if simulation.decision.phase is Phase.HOLDING:
+        course.close_s = simulation.seen.time_s - asked_s
     else:
-        course.note = loop.decision.reason
+        course.note = simulation.decision.reason
 
 
-def _run(loop: ClosedLoop, duration_s: float) -> None:
-    for _ in range(round(duration_s / TICK_S)):
-        loop.tick()
+def _whole_ticks(duration_s: float) -> float:
+    return round(duration_s / TICK_S) * TICK_S

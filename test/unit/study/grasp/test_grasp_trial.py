@@ -6,12 +6,10 @@ import functools
 import numpy as np
 import pytest
 
-from mbpam_ros.actuator.named_designs import load_design
 from mbpam_ros.configuration import ConfigError
-from mbpam_ros.grasp.arbitration import Phase, load_grasp_config
+from mbpam_ros.grasp.arbitration import load_grasp_config
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.scene import PAPER_SCENES, load_scene
-from mbpam_ros.study.grasp.closed_loop import ClosedLoop
 from mbpam_ros.study.grasp.trial import run_trial, with_changes
 
 GRIPPER = load_gripper()
@@ -73,7 +71,7 @@ def test_a_grip_pressure_above_the_limit_is_refused():
 
 def test_a_scene_without_an_object_is_refused():
     with pytest.raises(ConfigError, match="scene empty: nothing to grasp"):
-        ClosedLoop(load_scene("empty"), GRIPPER)
+        run_trial(load_scene("empty"), GRIPPER)
 
 
 def test_a_change_of_friction_or_tier_leaves_the_rest_of_the_scene():
@@ -89,21 +87,3 @@ def test_modes_of_curvature_are_given_up_where_the_tier_takes_none():
     scene = dataclasses.replace(scene, config=dataclasses.replace(scene.config, tier="rod", modes=4))
     assert with_changes(scene, friction_coefficient=0.1).config.modes == 4
     assert with_changes(scene, tier="arc").config.modes is None
-
-
-@pytest.mark.parametrize("design", ["initial", "optimised"])
-def test_the_loops_close_with_every_named_design_and_the_same_run_gives_the_same_bits(design):
-    gripper = dataclasses.replace(GRIPPER, design=load_design(design))
-
-    def run():
-        loop = ClosedLoop(load_scene("bulb"), gripper)
-        for _ in range(10):
-            loop.tick()
-        assert loop.grasp().accepted
-        for _ in range(100):
-            loop.tick()
-        assert loop.decision.phase is Phase.HOLDING
-        return loop.seen.centreline_m
-
-    first = run()
-    assert first.tobytes() == run().tobytes()

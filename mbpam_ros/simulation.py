@@ -1,0 +1,181 @@
+"""The whole gripper without ROS: plant, transducers, sensing, arbitration, air switch and pressure loops, tick by tick.
+
+The same objects that the nodes wrap, in the order in which their messages follow each other. What the camera would see
+is taken from the plant.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+from mbpam_ros.answer import Answer
+from mbpam_ros.configuration import ConfigError
+from mbpam_ros.errors import MbpamError
+from mbpam_ros.grasp.arbitration import Arbiter, Decision, GraspConfig, load_grasp_config
+from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
+from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
+from mbpam_ros.gripper import Gripper, load_gripper
+from mbpam_ros.plant.plant import Observation, build_plant
+from mbpam_ros.plant.scene import Scene, load_scene
+from mbpam_ros.pneumatics.air_switch import AirSwitch
+from mbpam_ros.pneumatics.config import load_pneumatics
+from mbpam_ros.pneumatics.controller import PressureController
+from mbpam_ros.pneumatics.sensing import PressureSensing
+
+TICK_S = 0.01
+"""Period of sensing, arbitration and valves: the nodes' 100 Hz."""
+
+
+class SimulationTimeError(MbpamError, RuntimeError):
+    """A duration that is no whole number of ticks, or something awaited that did not come in time."""
+
+
+class Simulation:
+    """A gripper in a scene, air on, open.
+
+    Args:
+        scene: what is there, or the name of a scene or scene file.
+        gripper: the muscles and where they stand; by default those of ``gripper.yaml``.
+        grip_pressure_gauge_pa: of every mode; none for those of ``grasp.yaml``.
+        seed: of the transducers' noise. The same seed and calls give the same bits.
+
+    Attributes:
+        seen: what there is after the last tick.
+        decision: what the arbiter has decided last.
+
+    Raises:
+        ConfigError: a file is wrong, or the grip pressure is above the gripper's limit.
+        TierError: no such tier, or it cannot compute what the scene holds.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | str,
+        gripper: Gripper | None = None,
+        grip_pressure_gauge_pa: float | None = None,
+        seed: int = 0,
+    ) -> None:
+        scene = load_scene(scene) if isinstance(scene, str) else scene
+        gripper = load_gripper() if gripper is None else gripper
+        self._object = scene.object
+        pneumatics = load_pneumatics()
+        limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
+        self._arbiter = _arbiter(gripper, load_grasp_config(), grip_pressure_gauge_pa)
+        self._plant = build_plant(scene, gripper, pneumatics, seed=seed)
+        self._sensing = PressureSensing(pneumatics.sensing, pneumatics.transducer)
+        self._controller = PressureController(pneumatics.controller, *limits)
+        self._switch = AirSwitch(self._controller, switched_on=True)
+        self.seen: Observation = self._plant.observe()
+        self.decision: Decision = self._arbiter.tick(self.seen.time_s)
+
+    def tick(self) -> Observation:
+        """Advance everything by :data:`TICK_S` and return what there is then.
+
+        Raises:
+            PlantDivergedError: the plant left what can be.
+        """
+        now_s = self.seen.time_s
+        pressure_gauge_pa = self._sensing.update(now_s, self.seen.transducer_v).pressure_gauge_pa
+        self._arbiter.observe_pressures(now_s, pressure_gauge_pa)
+        self.decision = self._arbiter.tick(now_s)
+        self._switch.obey(self.decision.air)
+        self._switch.request(self.decision.setpoint_gauge_pa)
+        self._plant.step(self._controller.update(now_s, pressure_gauge_pa), TICK_S)
+        self.seen = self._plant.observe()
+        return self.seen
+
+    def run(self, duration_s: float) -> Observation:
+        """Advance by ``duration_s``, a whole number of ticks, and return what there is then.
+
+        Raises:
+            SimulationTimeError: no whole number of ticks, or negative. Nothing was changed.
+            PlantDivergedError: the plant left what can be.
+        """
+        ticks = round(duration_s / TICK_S) if math.isfinite(duration_s) else -1
+        if ticks < 0 or abs(ticks * TICK_S - duration_s) > 1e-9 + 1e-9 * duration_s:
+            raise SimulationTimeError(f"duration {duration_s:g} s is no whole number of ticks of {TICK_S:g} s")
+        for _ in range(ticks):
+            self.tick()
+        return self.seen
+
+    def run_until(self, predicate: Callable[[], bool], limit_s: float = 10.0) -> Observation:
+        """Advance until ``predicate`` holds, at most ``limit_s``, and return what there is then.
+
+        Raises:
+            SimulationTimeError: it did not hold in time.
+            PlantDivergedError: the plant left what can be.
+        """
+        end_s = self.seen.time_s + limit_s
+        while not predicate():
+            if self.seen.time_s >= end_s:
+                phase, reason = self.decision.phase.value, self.decision.reason
+                raise SimulationTimeError(
+                    f"not within {limit_s:g} s of simulated time; the gripper is {phase}: {reason}"
+                )
+            self.tick()
+        return self.seen
+
+    # What an operator asks for; what comes of it is in ``decision``.
+
+    def grasp(self, mode: str | None = None) -> Answer:
+        """Close in a mode by name, or in the one that the camera's rules choose for the object where it is now."""
+        if mode is not None:
+            return self._asked(lambda time_s: self._arbiter.request_mode(mode, time_s))
+        self._arbiter.observe_detections(self.seen.time_s, self._in_view())
+        return self._asked(self._arbiter.request_auto)
+
+    def release(self) -> Answer:
+        """Open."""
+        return self._asked(self._arbiter.release)
+
+    def stop(self) -> Answer:
+        """Vent everything at once and latch a fault."""
+        return self._asked(self._arbiter.stop)
+
+    def reset(self) -> Answer:
+        """Clear a latched fault."""
+        return self._asked(self._arbiter.reset)
+
+    def lift(self) -> Answer:
+        """Start raising the hand."""
+        return self._plant.lift()
+
+    def lower(self) -> Answer:
+        """Start lowering the hand."""
+        return self._plant.lower()
+
+    def _asked(self, request: Callable[[float], Answer]) -> Answer:
+        answer = request(self.seen.time_s)
+        self.decision = self._arbiter.tick(self.seen.time_s)
+        return answer
+
+    def _in_view(self) -> list[DetectedObject]:
+        pose = self.seen.object_in_gripper
+        if pose is None:
+            return []
+        return [
+            DetectedObject(
+                label=self._object.label,
+                shape=self._object.shape,
+                size_m=self._object.size_m,
+                position_m=tuple(pose.position_m),
+                orientation_xyzw=tuple(pose.orientation_xyzw),
+                confidence=1.0,
+            )
+        ]
+
+
+def _arbiter(gripper: Gripper, grasp: GraspConfig, grip_pressure_gauge_pa: float | None) -> Arbiter:
+    arbitration, modes = grasp.arbitration, load_modes()
+    if grip_pressure_gauge_pa is not None:
+        grip = dataclasses.replace(
+            arbitration.grip_pressure_gauge_pa, **dict.fromkeys(MODE_NAMES, grip_pressure_gauge_pa)
+        )
+        arbitration = dataclasses.replace(arbitration, grip_pressure_gauge_pa=grip)
+    selector = ModeSelector(grasp.selection, gripper, modes)
+    try:
+        return Arbiter(arbitration, modes, selector, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error

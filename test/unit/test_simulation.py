@@ -1,0 +1,119 @@
+"""The gripper without ROS, as a program of one's own uses it."""
+
+import dataclasses
+import doctest
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbpam_ros
+from mbpam_ros import MbpamError, Phase, Simulation, load_gripper, load_scene
+from mbpam_ros.actuator.named_designs import load_design
+from mbpam_ros.simulation import TICK_S, SimulationTimeError
+
+EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
+
+
+@pytest.mark.parametrize("design", ["initial", "optimised"])
+def test_the_loops_close_with_every_named_design_and_the_same_run_gives_the_same_bits(design):
+    gripper = dataclasses.replace(load_gripper(), design=load_design(design))
+
+    def run():
+        simulation = Simulation(load_scene("bulb"), gripper)
+        simulation.run(0.1)
+        assert simulation.grasp().accepted
+        simulation.run(1.0)
+        assert simulation.decision.phase is Phase.HOLDING
+        return simulation.seen.centreline_m
+
+    first = run()
+    assert first.tobytes() == run().tobytes()
+
+
+def test_a_mode_by_name_closes_also_where_there_is_nothing():
+    simulation = Simulation("empty")
+    simulation.run(0.1)
+    assert simulation.grasp().reason == "no object in view"
+    assert simulation.grasp("mid_rod").accepted
+    simulation.run_until(lambda: simulation.decision.phase is Phase.HOLDING, limit_s=3.0)
+    assert simulation.release().accepted
+    simulation.run_until(lambda: simulation.decision.phase is Phase.IDLE, limit_s=5.0)
+    assert (simulation.seen.pressure_gauge_pa < 5e3).all()
+
+
+def test_a_stop_vents_at_once_and_a_reset_ends_it():
+    simulation = Simulation("empty")
+    simulation.run(0.1)
+    simulation.grasp("envelope")
+    simulation.run_until(lambda: simulation.seen.pressure_gauge_pa.max() > 50e3)
+    assert simulation.stop().accepted
+    assert not simulation.reset().accepted
+    stopped_pa = simulation.seen.pressure_gauge_pa
+    inflated = stopped_pa > 20e3
+    simulation.run(0.1)
+    assert (simulation.seen.pressure_gauge_pa[inflated] < 0.8 * stopped_pa[inflated]).all()
+    simulation.run_until(lambda: simulation.reset().accepted, limit_s=5.0)
+    simulation.run(TICK_S)
+    assert simulation.decision.phase is Phase.IDLE
+    assert simulation.grasp("envelope").accepted
+    simulation.run_until(lambda: simulation.decision.phase is Phase.HOLDING, limit_s=3.0)
+
+
+def test_a_duration_that_is_no_whole_number_of_ticks_is_refused_and_changes_nothing():
+    simulation = Simulation("empty")
+    for duration_s in (0.015, -0.01, float("nan"), float("inf")):
+        with pytest.raises(SimulationTimeError, match="no whole number of ticks of 0.01 s"):
+            simulation.run(duration_s)
+    assert simulation.seen.time_s == 0.0
+    assert simulation.run(0.0).time_s == 0.0
+    assert simulation.run(0.03).time_s == pytest.approx(0.03)
+
+
+def test_what_does_not_come_in_time_says_what_the_gripper_does_instead():
+    simulation = Simulation("empty")
+    with pytest.raises(SimulationTimeError, match=r"not within 0.05 s of simulated time; the gripper is idle: open"):
+        simulation.run_until(lambda: False, limit_s=0.05)
+    assert simulation.seen.time_s == pytest.approx(0.05)
+
+
+def test_the_public_names_are_there_and_no_other():
+    for name in mbpam_ros.__all__:
+        assert getattr(mbpam_ros, name).__doc__
+    assert dir(mbpam_ros) == mbpam_ros.__all__
+    with pytest.raises(AttributeError, match="no attribute 'Grippr'; it has Answer, Gripper"):
+        mbpam_ros.Grippr  # noqa: B018
+    assert issubclass(SimulationTimeError, MbpamError)
+
+
+def test_the_package_alone_loads_neither_arrays_nor_the_compiler():
+    code = "import sys, mbpam_ros; print(sorted({'numpy', 'numba', 'rclpy'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_the_example_in_the_package_s_docstring_is_true():
+    result = doctest.testmod(mbpam_ros)
+    assert result.attempted > 3 and result.failed == 0
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
+def test_the_examples_run(path):
+    ended = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=200)
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout and not ended.stderr
+
+
+def test_the_bulb_of_the_example_is_held_and_rises_with_the_hand():
+    simulation = Simulation("bulb")
+    rest_m = simulation.run(0.3).object_in_world.position_m
+    assert simulation.grasp().accepted
+    simulation.run_until(lambda: simulation.decision.phase is Phase.HOLDING)
+    assert simulation.lift().accepted
+    held = simulation.run(2.0)
+    assert held.hand_lift_m == pytest.approx(0.1)
+    assert 0.09 < rest_m[2] - held.object_in_world.position_m[2] < 0.13
+    assert simulation.lower().accepted
+    lowered = simulation.run(2.0)
+    assert lowered.hand_lift_m == pytest.approx(0.0) and np.isfinite(lowered.finger_force_n).all()
