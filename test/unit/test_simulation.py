@@ -14,7 +14,7 @@ from mbpam_ros import MbpamError, Phase, Simulation, load_gripper, load_scene
 from mbpam_ros.actuator.named_designs import load_design
 from mbpam_ros.simulation import TICK_S, SimulationTimeError
 
-EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
+EXAMPLE = Path(__file__).parents[2] / "examples" / "grasp_without_ros.py"
 
 
 @pytest.mark.parametrize("design", ["initial", "optimised"])
@@ -98,11 +98,10 @@ def test_the_example_in_the_package_s_docstring_is_true():
     assert result.attempted > 3 and result.failed == 0
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
-def test_the_examples_run(path):
-    ended = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=200)
-    assert ended.returncode == 0, ended.stderr
-    assert ended.stdout and not ended.stderr
+def test_the_example_runs():
+    ended = subprocess.run([sys.executable, EXAMPLE], capture_output=True, text=True, timeout=200)
+    assert ended.returncode == 0 and not ended.stderr
+    assert "hand up by 100 mm, object by 100 mm" in ended.stdout
 
 
 def test_the_bulb_of_the_example_is_held_and_rises_with_the_hand():
