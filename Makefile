@@ -25,6 +25,8 @@ bench: $(VENV)/test.stamp
 	$(BIN)/python -m mbpam_ros.nodes.bench $(BENCH_ARGS)
 
 $(VENV)/run.stamp: requirements.txt setup.py
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' || \
+		{ echo "error: Python 3.11 to 3.13 is needed, found $$($(PYTHON) --version 2>&1); name one: make PYTHON=python3.12" >&2; exit 1; }
 	@echo "setting up $(VENV) with pinned wheels (once, about a minute)"
 	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
