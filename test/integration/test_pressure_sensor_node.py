@@ -1,6 +1,7 @@
 """The pressure sensor's promises on its topics and services."""
 
 import math
+import re
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -115,19 +116,19 @@ def test_silence_of_the_transducers_becomes_nan(graph):
 
 
 def test_silence_while_the_computer_is_held_up_is_laid_to_the_computer(graph):
-    sensor = graph.add(PressureSensorNode)
+    graph.add(PressureSensorNode)
     reports = graph.listen(DiagnosticArray, "/diagnostics")
     publisher = graph.publisher(JointState, "transducers")
     graph.spin_until(lambda: reports, "a report, once a second")
     publisher.publish(volts([VENTED_V] * 16))
     graph.spin_until(lambda: reports[-1].status[0].level == DiagnosticStatus.OK, "health")
-    assert sensor.late_s() == 0.0
     resumed_s = time.monotonic() + 0.4
     while time.monotonic() < resumed_s:  # nothing spins: the computer does something else
         pass
     graph.spin_until(lambda: reports[-1].status[0].level == DiagnosticStatus.ERROR, "the silence")
     message = reports[-1].status[0].message
-    assert message.startswith("this computer ran 3") and "ms late: no valid reading from 16 of 16" in message
+    said = re.fullmatch(r"this computer ran (\d+) ms late: no valid reading from 16 of 16 channels", message)
+    assert said and int(said[1]) >= 300
 
 
 def test_malformed_voltages_are_refused_and_the_node_goes_on(graph):
