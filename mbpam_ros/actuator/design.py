@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.errors import MbpamError
+
+MetamodelName = Literal["prs", "rbf", "krg", "rbf_gaussian", "krg_nugget"]
+"""Keys of :data:`~mbpam_ros.actuator.metamodel.METAMODELS`."""
 
 SAME_DESIGN_SHARE = 1e-4
 """Share of a variable's range; designs that differ by no more than that in a and in b are the same design.

@@ -30,7 +30,11 @@ _PER_ARRAY, _PER_NUMBER = 5 + 2 * 4, 1
 
 def new_block(parts: tuple) -> Block:
     """Return a block with room for the parts; without the compiler, with the parts."""
-    return [parts] if config.DISABLE_JIT else np.zeros(8 * _words(parts), np.uint8)
+    return [parts] if _uncompiled() else np.zeros(8 * _words(parts), np.uint8)
+
+
+def _uncompiled() -> bool:
+    return bool(config.DISABLE_JIT)  # type: ignore[attr-defined]  # numba sets it from the environment
 
 
 def _words(part: object) -> int:
@@ -39,17 +43,17 @@ def _words(part: object) -> int:
     return _PER_ARRAY if isinstance(part, np.ndarray) else _PER_NUMBER
 
 
-def access(sample: tuple) -> tuple[Callable[[Block, tuple], None], Callable[[Block], Any]]:
+def access(sample: tuple) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return what compiled code writes tuples of the type of the sample into blocks with, and what it reads them with.
 
     Other types are refused when the code is compiled.
     """
-    if config.DISABLE_JIT:
+    if _uncompiled():
         return _keep, _first
     kind = typeof(sample)
 
     @intrinsic
-    def write(_: object, block: types.Type, parts: types.Type) -> tuple[Signature, Callable] | None:
+    def write(_: object, block: types.Array, parts: types.Type) -> tuple[Signature, Callable] | None:
         if parts != kind:
             return None
 
@@ -61,7 +65,7 @@ def access(sample: tuple) -> tuple[Callable[[Block, tuple], None], Callable[[Blo
         return types.void(block, kind), generate
 
     @intrinsic
-    def read(_: object, block: types.Type) -> tuple[Signature, Callable]:
+    def read(_: object, block: types.Array) -> tuple[Signature, Callable]:
         def generate(context: BaseContext, builder: ir.IRBuilder, _: Signature, arguments: tuple) -> ir.Value:
             return context.unpack_value(builder, kind, _place(context, builder, kind, block, arguments[0]))
 
@@ -93,7 +97,7 @@ def _without_owners(context: BaseContext, builder: ir.IRBuilder, kind: types.Typ
         array.meminfo = ir.Constant(array.meminfo.type, None)
         array.parent = ir.Constant(array.parent.type, None)
         return array._getvalue()
-    if isinstance(kind, types.BaseTuple):
+    if isinstance(kind, (types.Tuple, types.UniTuple, types.NamedTuple, types.NamedUniTuple)):
         for place, part in enumerate(kind):
             bare = _without_owners(context, builder, part, builder.extract_value(value, place))
             value = builder.insert_value(value, bare, place)

@@ -44,7 +44,7 @@ class Contacts(NamedTuple):
         coordinates: D.
     """
 
-    count: NDArray[np.int64]
+    count: NDArray[np.int64]  # type: ignore[assignment]  # hides tuple.count, which nothing asks for
     depth: Array
     share: Array
     normal: Array

@@ -209,7 +209,7 @@ class Renderer:
         window = self._window(np.concatenate(reach), pad_px=int(3 * _SHADOW_BLUR_PX))
         if window is None:
             return
-        rays, t = self._rays[(slice(None), *window)], distance[window]
+        rays, t = self._rays[:, window[0], window[1]], distance[window]
         eye = self.camera.position_m.astype(np.float32)
         far = np.where(np.isfinite(t), t, np.float32(1.0))
         points = tuple(e + far * d for e, d in zip(eye, rays, strict=True))
@@ -224,7 +224,7 @@ class Renderer:
         if window is None:
             return
         body = _body(solid)
-        rays = tuple(self._rays[(slice(None), *window)])
+        rays = tuple(self._rays[:, window[0], window[1]])
         eye = tuple(self.camera.position_m.astype(np.float32))
         t = hit_body(body, eye, rays)
         seen = t < distance[window]
@@ -247,7 +247,7 @@ class Renderer:
         paint_capsule(
             image[window],
             distance[window],
-            self._rays[(slice(None), *window)],
+            self._rays[:, window[0], window[1]],
             self.camera.position_m - start,
             end - start,
             radius,
