@@ -286,7 +286,8 @@ class ThinPlateSpline(Metamodel):
     def _kernel(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         # r^2 ln r = r^2 ln(r^2) / 2, with its limit 0 at the centre.
         distance2 = _squared_distances(points, self._points)
-        return 0.5 * xlogy(distance2, distance2)
+        kernel: NDArray[np.float64] = 0.5 * xlogy(distance2, distance2)
+        return kernel
 
 
 class GaussianRadialBasis(Metamodel):
@@ -321,7 +322,9 @@ class GaussianRadialBasis(Metamodel):
         self._weights = np.linalg.solve(self._matrix(self.epsilon), self._values)
 
     def _predict(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.exp(-(self.epsilon**2) * _squared_distances(points, self._points)) @ self._weights
+        kernel = np.exp(-(self.epsilon**2) * _squared_distances(points, self._points))
+        values: NDArray[np.float64] = kernel @ self._weights
+        return values
 
     def _left_out(self, leverage: NDArray[np.float64]) -> tuple[NDArray[np.float64], None]:
         return self._left_out_errors(self.epsilon), None
@@ -413,7 +416,8 @@ class Kriging(Metamodel):
         starts = np.random.default_rng(0).uniform(low, high, size=(self._STARTS, len(bounds)))
         some = self._with_some_samples()
         best = min((some._climb(start, log_bounds) for start in starts), key=lambda run: run.fun)
-        return best.x if some is self else self._climb(best.x, log_bounds).x
+        found: NDArray[np.float64] = best.x if some is self else self._climb(best.x, log_bounds).x
+        return found
 
     def _climb(self, start: NDArray[np.float64], log_bounds: NDArray[np.float64]) -> OptimizeResult:
         return minimize(self._likelihood_loss, start, jac=True, bounds=log_bounds, method="L-BFGS-B")
@@ -447,7 +451,8 @@ class Kriging(Metamodel):
         trend_term = np.einsum("ij,ji->i", missed, np.linalg.solve(basis.T @ solved_basis, missed.T))
         explained = np.einsum("ij,ji->i", cross, cho_solve(state.factor, cross.T))
         share = np.maximum(1.0 - explained + trend_term, 0.0) + self.nugget
-        return self._spread**2 * state.variance * share
+        variance: NDArray[np.float64] = self._spread**2 * state.variance * share
+        return variance
 
     def deviation(self, design_mm: ArrayLike) -> NDArray[np.float64]:
         return np.sqrt(self.predict_variance(design_mm))
@@ -657,19 +662,22 @@ def _trend(points: NDArray[np.float64], name: str) -> NDArray[np.float64]:
 
 
 def _squared_distances(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    return cdist(left, right, "sqeuclidean")
+    distances: NDArray[np.float64] = cdist(left, right, "sqeuclidean")
+    return distances
 
 
 def _apart(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return distances in a and in b of rows of ``left`` (n, 2) and ``right`` (m, 2), shape (2, n, m)."""
-    return np.abs(left.T[:, :, None] - right.T[:, None, :])
+    apart: NDArray[np.float64] = np.abs(left.T[:, :, None] - right.T[:, None, :])
+    return apart
 
 
 def _inverse(lower_factor: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse of the matrix with this lower Cholesky factor: a third of the work of solving for it."""
     inverse, _ = dpotri(lower_factor, lower=True)
     below = np.tril(inverse, -1)
-    return below + below.T + np.diag(np.diag(inverse))
+    whole: NDArray[np.float64] = below + below.T + np.diag(np.diag(inverse))
+    return whole
 
 
 def _rms(error: NDArray[np.float64]) -> float:

@@ -204,4 +204,5 @@ def _continued(x: NDArray[np.float64], y: NDArray[np.float64], grid: NDArray[np.
     """PCHIP through (x, y) on ``grid``, a straight line with the end slope beyond the last x."""
     curve = PchipInterpolator(x, y)
     beyond = np.maximum(grid - x[-1], 0.0)
-    return curve(np.minimum(grid, x[-1])) + float(curve.derivative()(x[-1])) * beyond
+    continued: NDArray[np.float64] = curve(np.minimum(grid, x[-1])) + float(curve.derivative()(x[-1])) * beyond
+    return continued

@@ -56,4 +56,5 @@ class TipForce:
         share = toward[..., 0] ** 2 - toward[..., 1] ** 2  # cos(2 phi)
         pdc = np.interp(size, self.pdc_moment_n_m, self._pdc_lever)
         psc = np.interp(size, self.psc_moment_n_m, self._psc_lever)
-        return size * (psc + share**2 * (pdc - psc))
+        force: NDArray[np.float64] = size * (psc + share**2 * (pdc - psc))
+        return force

@@ -95,7 +95,8 @@ class SteppingTier(Tier):
 
     def _reach_m(self, duration_s: float, hand_velocity_m_s: Array) -> float:
         """How near the object may be for the muscles not to touch it within the step, even at twice their speed."""
-        speed_m_s = self._setup.geometry.length_m * self._active.largest_rate_rad_s() + np.abs(hand_velocity_m_s).max()
+        hand_m_s = float(np.abs(hand_velocity_m_s).max())
+        speed_m_s = self._setup.geometry.length_m * self._active.largest_rate_rad_s() + hand_m_s
         return LEAST_GAP_M + 2.0 * speed_m_s * duration_s
 
     def _change(self, tier: RodTier, gap_m: float, lines: Array) -> None:
@@ -136,8 +137,10 @@ def outside_distance_m(body: RigidBody, points_m: Array) -> Array:
     """Return the distances (n,) of points (n, 3) in the body's frame from its surface; 0 inside."""
     half = 0.5 * np.array(body.size_m)
     if body.shape == "sphere":
-        return np.maximum(np.linalg.norm(points_m, axis=1) - half[0], 0.0)
-    if body.shape == "cylinder":
+        distance: Array = np.maximum(np.linalg.norm(points_m, axis=1) - half[0], 0.0)
+    elif body.shape == "cylinder":
         aside = np.hypot(points_m[:, 0], points_m[:, 1]) - half[0]
-        return np.hypot(np.maximum(aside, 0.0), np.maximum(np.abs(points_m[:, 2]) - half[2], 0.0))
-    return np.linalg.norm(np.maximum(np.abs(points_m) - half, 0.0), axis=1)
+        distance = np.hypot(np.maximum(aside, 0.0), np.maximum(np.abs(points_m[:, 2]) - half[2], 0.0))
+    else:
+        distance = np.linalg.norm(np.maximum(np.abs(points_m) - half, 0.0), axis=1)
+    return distance

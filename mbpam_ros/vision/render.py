@@ -155,12 +155,12 @@ class Renderer:
             for line in np.asarray(view.finger_centrelines_m, dtype=float):
                 self._draw_finger(image, distance, line, view)
         if self._blur_sigma_px > 0.0:
-            image = cv2.GaussianBlur(image, (5, 5), self._blur_sigma_px)
+            image = cv2.GaussianBlur(image, (5, 5), self._blur_sigma_px).astype(np.float32, copy=False)
         if rng is not None:
             levels, start = image.reshape(-1), int(rng.integers(self._noise.size))
             levels[start:] += self._noise[: self._noise.size - start]
             levels[:start] += self._noise[self._noise.size - start :]
-        return cv2.convertScaleAbs(np.maximum(image, 0.0, out=image))
+        return cv2.convertScaleAbs(np.maximum(image, 0.0, out=image)).astype(np.uint8, copy=False)
 
     # -- background ---------------------------------------------------------------------------------------------
 
@@ -209,7 +209,7 @@ class Renderer:
         window = self._window(np.concatenate(reach), pad_px=int(3 * _SHADOW_BLUR_PX))
         if window is None:
             return
-        rays, t = self._rays[:, window[0], window[1]], distance[window]
+        rays, t = self._rays[(slice(None), *window)], distance[window]
         eye = self.camera.position_m.astype(np.float32)
         far = np.where(np.isfinite(t), t, np.float32(1.0))
         points = tuple(e + far * d for e, d in zip(eye, rays, strict=True))
@@ -224,7 +224,7 @@ class Renderer:
         if window is None:
             return
         body = _body(solid)
-        rays = tuple(self._rays[:, window[0], window[1]])
+        rays = tuple(self._rays[(slice(None), *window)])
         eye = tuple(self.camera.position_m.astype(np.float32))
         t = hit_body(body, eye, rays)
         seen = t < distance[window]
@@ -247,7 +247,7 @@ class Renderer:
         paint_capsule(
             image[window],
             distance[window],
-            self._rays[:, window[0], window[1]],
+            self._rays[(slice(None), *window)],
             self.camera.position_m - start,
             end - start,
             radius,

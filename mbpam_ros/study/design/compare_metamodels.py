@@ -30,8 +30,8 @@ from mbpam_ros.actuator.metamodel import (
     TRAINING_TABLE,
     TRENDS,
     VALIDATION_TABLE,
-    MetamodelError,
 )
+from mbpam_ros.actuator.sample_check import MetamodelError
 from mbpam_ros.actuator.tables import read_labelled_columns
 from mbpam_ros.configuration import ConfigError, config_path
 from mbpam_ros.study.announcement import announce

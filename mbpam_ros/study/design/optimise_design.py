@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 
 from mbpam_ros.actuator.design import INITIAL_DESIGN, DesignDomainError
-from mbpam_ros.actuator.metamodel import METAMODELS, REFITTED_SAMPLES, TRAINING_TABLE, VALIDATION_TABLE, MetamodelError
+from mbpam_ros.actuator.metamodel import METAMODELS, REFITTED_SAMPLES, TRAINING_TABLE, VALIDATION_TABLE
+from mbpam_ros.actuator.sample_check import MetamodelError
 from mbpam_ros.actuator.tables import read_table
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.study.announcement import announce
