@@ -20,6 +20,7 @@ test: lint
 lint: $(VENV)/test.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/mypy
 
 bench: $(VENV)/test.stamp
 	$(BIN)/python -m mbpam_ros.nodes.bench $(BENCH_ARGS)
@@ -38,4 +39,4 @@ $(VENV)/test.stamp: $(VENV)/run.stamp requirements-test.txt
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build install log report *.egg-info .pytest_cache .ruff_cache
+	rm -rf $(VENV) build install log report *.egg-info .pytest_cache .ruff_cache .mypy_cache

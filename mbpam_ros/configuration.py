@@ -14,16 +14,19 @@ import re
 import types
 import typing
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 
 from mbpam_ros.errors import MbpamError
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 PACKAGE = "mbpam_ros"
 DIRECTORY_VARIABLE = "MBPAM_CONFIG_DIR"
 
-Config = TypeVar("Config")
+Config = TypeVar("Config", bound="DataclassInstance")
 
 
 class _Loader(yaml.SafeLoader):
@@ -34,7 +37,8 @@ class _Loader(yaml.SafeLoader):
         for key, _ in node.value:
             if names.count(key.value) > 1:
                 raise yaml.constructor.ConstructorError(None, None, f"key {key.value} stands twice", key.start_mark)
-        return super().construct_mapping(node, deep)
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+        return mapping
 
 
 class ConfigError(MbpamError, ValueError):
@@ -155,7 +159,7 @@ def _convert(expected: Any, value: Any, where: str) -> Any:
         if value not in arguments:
             raise ConfigError(f"{where}: {value!r} is not one of {', '.join(map(str, arguments))}")
         return value
-    if dataclasses.is_dataclass(expected):
+    if isinstance(expected, type) and dataclasses.is_dataclass(expected):
         return parse_config(expected, value, where)
     if origin is dict:
         if not isinstance(value, dict):

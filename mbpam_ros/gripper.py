@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
-from mbpam_ros.actuator.design import MuscleDesign, MuscleGeometry
+from mbpam_ros.actuator.design import MetamodelName, MuscleDesign, MuscleGeometry
 from mbpam_ros.actuator.named_designs import load_design
 from mbpam_ros.configuration import ConfigError, load_yaml, parse_config, require_positive
 
@@ -35,7 +35,7 @@ class Gripper:
 
     design: MuscleDesign
     geometry: MuscleGeometry
-    metamodel: Literal["prs", "rbf", "krg", "rbf_gaussian", "krg_nugget"]
+    metamodel: MetamodelName
     target: Literal["fe", "test"]
     finger_circle_radius_m: float
     pressure_limit_gauge_pa: float

@@ -152,14 +152,14 @@ class Simulation:
         return answer
 
     def _in_view(self) -> list[DetectedObject]:
-        pose = self.seen.object_in_gripper
-        if pose is None:
+        pose, seen = self.seen.object_in_gripper, self._object
+        if pose is None or seen is None:
             return []
         return [
             DetectedObject(
-                label=self._object.label,
-                shape=self._object.shape,
-                size_m=self._object.size_m,
+                label=seen.label,
+                shape=seen.shape,
+                size_m=seen.size_m,
                 position_m=tuple(pose.position_m),
                 orientation_xyzw=tuple(pose.orientation_xyzw),
                 confidence=1.0,

@@ -18,6 +18,7 @@ from __future__ import annotations
 import functools
 import json
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,7 +125,7 @@ def stored_cell_laws() -> dict[str, CellLaw]:
         raise ConfigError(f"{path}: no bending law of calibrate_fe: {error}") from error
 
 
-def _from_tables(tables: list[dict], pattern: str, length_m: float) -> CellLaw:
+def _from_tables(tables: list[dict[str, Any]], pattern: str, length_m: float) -> CellLaw:
     rows = sorted((row for row in tables if row["pattern"] == pattern), key=lambda row: row["p_kpa"])
     bend_deg = rows[0]["bend_deg"]
     if any(row["bend_deg"] != bend_deg for row in rows):

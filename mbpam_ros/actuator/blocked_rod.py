@@ -165,4 +165,5 @@ class _Plate:
                 f"no equilibrium of the blocked rod with M0 = {1e3 * self._load.moment_n_m:.4g} N mm, "
                 f"B = {1e6 * self._load.stiffness_n_m2:.4g} N mm2: {' '.join(found.message.split())}"
             )
-        return found.x.tolist()
+        unknowns: list[float] = found.x.tolist()
+        return unknowns

@@ -125,10 +125,10 @@ def pattern_loads(law: RodLaw, pattern: str, pressure_gauge_pa: ArrayLike) -> li
         ConfigError: the stored law is missing or unreadable.
     """
     moment, stiffness = law.of_pattern(pattern, pressure_gauge_pa)
+    pressure = np.asarray(pressure_gauge_pa, dtype=float)
     cell = stored_cell_laws()[pattern]
     straight, slope = (
-        np.interp(pressure_gauge_pa, cell.pressure_gauge_pa, table)
-        for table in (cell.straight_stretch, cell.stretch_slope_m)
+        np.interp(pressure, cell.pressure_gauge_pa, table) for table in (cell.straight_stretch, cell.stretch_slope_m)
     )
     rows = np.stack([moment, stiffness, straight, slope], axis=-1).tolist()
     return [RodLoad(row[0], row[1], AxisStretch(row[2], row[3])) for row in rows]

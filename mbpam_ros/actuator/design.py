@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.errors import MbpamError
+
+MetamodelName = Literal["prs", "rbf", "krg", "rbf_gaussian", "krg_nugget"]
+"""Keys of :data:`~mbpam_ros.actuator.metamodel.METAMODELS`."""
 
 SAME_DESIGN_SHARE = 1e-4
 """Share of a variable's range; designs that differ by no more than that in a and in b are the same design.
@@ -81,12 +85,14 @@ class DesignDomain:
         """Return which rows (a, b) are the same design as ``other_mm`` (:data:`SAME_DESIGN_SHARE`), shape (n,)."""
         low, high = self.bounds_mm
         apart = np.abs(np.asarray(design_mm, dtype=float) - np.asarray(other_mm, dtype=float))
-        return np.all(apart <= SAME_DESIGN_SHARE * (high - low), axis=-1)
+        same: NDArray[np.bool_] = np.all(apart <= SAME_DESIGN_SHARE * (high - low), axis=-1)
+        return same
 
     def scale(self, design_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Map the domain to [-1, 1]^2, so that one length serves a and b; rows (a, b), shape (n, 2)."""
         low, high = self.bounds_mm
-        return 2.0 * (design_mm - low) / (high - low) - 1.0
+        scaled: NDArray[np.float64] = 2.0 * (design_mm - low) / (high - low) - 1.0
+        return scaled
 
 
 PAPER_DOMAIN = DesignDomain(a_range_mm=(1.5, 3.5), b_range_mm=(1.0, 3.0))

@@ -46,7 +46,8 @@ def gravity_gradient_n_m(
     """Return dV/dbend [N m], shape (..., 2), for bends of shape (..., 2): what gravity asks of the muscle."""
     bend = np.asarray(bend_rad, dtype=float)
     secant, _ = gravity_stiffness_n_m(_magnitude(bend), geometry, gravity_m_s2)
-    return secant[..., None] * bend
+    asked: NDArray[np.float64] = secant[..., None] * bend
+    return asked
 
 
 def gravity_stiffness_n_m(

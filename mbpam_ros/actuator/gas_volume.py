@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import functools
 import json
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +78,7 @@ def gas_volume_tables() -> GasVolumeTables:
     )
 
 
-def _on_grid(rows: list[dict], pattern: str, chambers: int) -> Array:
+def _on_grid(rows: list[dict[str, Any]], pattern: str, chambers: int) -> Array:
     """Volumes of one chamber on the grids; ``chambers`` share the file's volume."""
     chosen = sorted((row for row in rows if row["pattern"] == pattern), key=lambda row: row["p_kpa"])
     bend = np.radians(chosen[0]["bend_deg"])
@@ -92,9 +92,11 @@ def _on_grid(rows: list[dict], pattern: str, chambers: int) -> Array:
     within = np.clip(_PRESSURE_GRID_PA, pressure[0], pressure[-1])
     beyond = (_PRESSURE_GRID_PA - within)[:, None]
     slope = curve.derivative()(within)
-    return np.maximum(curve(within) + slope * beyond, _LEAST_SHARE * over_bend[0])
+    volumes: Array = np.maximum(curve(within) + slope * beyond, _LEAST_SHARE * over_bend[0])
+    return volumes
 
 
 def chamber_bend_rad(bend_rad: Array) -> Array:
     """Return the bend away from each chamber, shape (..., 4), of muscles bent by ``bend_rad`` (..., 2)."""
-    return -bend_rad @ np.stack([np.cos(CHAMBER_AZIMUTH_RAD), np.sin(CHAMBER_AZIMUTH_RAD)])
+    away: Array = -bend_rad @ np.stack([np.cos(CHAMBER_AZIMUTH_RAD), np.sin(CHAMBER_AZIMUTH_RAD)])
+    return away

@@ -15,6 +15,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +25,7 @@ from scipy.optimize import OptimizeResult, minimize, minimize_scalar
 from scipy.spatial.distance import cdist
 from scipy.special import xlogy
 
-from mbpam_ros.actuator.design import PAPER_DOMAIN, DesignDomain, MuscleDesign
+from mbpam_ros.actuator.design import PAPER_DOMAIN, DesignDomain, MetamodelName, MuscleDesign
 from mbpam_ros.actuator.sample_check import QUADRATIC, MetamodelError, Powers, monomials, require_determining
 from mbpam_ros.actuator.tables import read_table
 
@@ -58,6 +59,9 @@ class LeftOut:
     how: str
 
 
+Fitted = TypeVar("Fitted", bound="Metamodel")
+
+
 class Metamodel(ABC):
     """One response over a domain of designs.
 
@@ -74,7 +78,7 @@ class Metamodel(ABC):
     def __init__(self, domain: DesignDomain = PAPER_DOMAIN) -> None:
         self.domain = domain
 
-    def fit(self, design_mm: ArrayLike, response: ArrayLike) -> Metamodel:
+    def fit(self: Fitted, design_mm: ArrayLike, response: ArrayLike) -> Fitted:
         """Fit to ``response``, shape (n,), at ``design_mm``, shape (n, 2); return self.
 
         Raises:
@@ -167,8 +171,8 @@ class Metamodel(ABC):
                 ) from error
             predicted.append(other.predict(design[None])[0])
             deviations.append(other.deviation(design[None]))
-        stated = None if deviations[0] is None else np.concatenate(deviations)
-        return LeftOut(np.array(predicted), stated, "refits")
+        stated = [deviation for deviation in deviations if deviation is not None]
+        return LeftOut(np.array(predicted), np.concatenate(stated) if stated else None, "refits")
 
     def _inside(self, design_mm: ArrayLike) -> NDArray[np.float64]:
         """Return the scaled designs."""
@@ -282,7 +286,8 @@ class ThinPlateSpline(Metamodel):
     def _kernel(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         # r^2 ln r = r^2 ln(r^2) / 2, with its limit 0 at the centre.
         distance2 = _squared_distances(points, self._points)
-        return 0.5 * xlogy(distance2, distance2)
+        kernel: NDArray[np.float64] = 0.5 * xlogy(distance2, distance2)
+        return kernel
 
 
 class GaussianRadialBasis(Metamodel):
@@ -317,7 +322,9 @@ class GaussianRadialBasis(Metamodel):
         self._weights = np.linalg.solve(self._matrix(self.epsilon), self._values)
 
     def _predict(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.exp(-(self.epsilon**2) * _squared_distances(points, self._points)) @ self._weights
+        kernel = np.exp(-(self.epsilon**2) * _squared_distances(points, self._points))
+        values: NDArray[np.float64] = kernel @ self._weights
+        return values
 
     def _left_out(self, leverage: NDArray[np.float64]) -> tuple[NDArray[np.float64], None]:
         return self._left_out_errors(self.epsilon), None
@@ -405,10 +412,12 @@ class Kriging(Metamodel):
         if self._fixed_nugget is None:
             bounds.append(self._NUGGET_RANGE)
         log_bounds = np.log(bounds)
-        starts = np.random.default_rng(0).uniform(*log_bounds.T, size=(self._STARTS, len(bounds)))
+        low, high = log_bounds.T
+        starts = np.random.default_rng(0).uniform(low, high, size=(self._STARTS, len(bounds)))
         some = self._with_some_samples()
         best = min((some._climb(start, log_bounds) for start in starts), key=lambda run: run.fun)
-        return best.x if some is self else self._climb(best.x, log_bounds).x
+        found: NDArray[np.float64] = best.x if some is self else self._climb(best.x, log_bounds).x
+        return found
 
     def _climb(self, start: NDArray[np.float64], log_bounds: NDArray[np.float64]) -> OptimizeResult:
         return minimize(self._likelihood_loss, start, jac=True, bounds=log_bounds, method="L-BFGS-B")
@@ -442,7 +451,8 @@ class Kriging(Metamodel):
         trend_term = np.einsum("ij,ji->i", missed, np.linalg.solve(basis.T @ solved_basis, missed.T))
         explained = np.einsum("ij,ji->i", cross, cho_solve(state.factor, cross.T))
         share = np.maximum(1.0 - explained + trend_term, 0.0) + self.nugget
-        return self._spread**2 * state.variance * share
+        variance: NDArray[np.float64] = self._spread**2 * state.variance * share
+        return variance
 
     def deviation(self, design_mm: ArrayLike) -> NDArray[np.float64]:
         return np.sqrt(self.predict_variance(design_mm))
@@ -587,7 +597,7 @@ class MuscleMetamodel:
         )
 
 
-METAMODELS: dict[str, Callable[..., Metamodel]] = {
+METAMODELS: dict[MetamodelName, Callable[..., Metamodel]] = {
     "prs": PolynomialResponseSurface,
     "rbf": ThinPlateSpline,
     "krg": Kriging,
@@ -595,6 +605,18 @@ METAMODELS: dict[str, Callable[..., Metamodel]] = {
     "krg_nugget": functools.partial(Kriging, nugget=None),
 }
 """Makers of unfitted metamodels, each with an optional ``domain``. The first three are those of the paper's Table 3."""
+
+
+def metamodel_name(name: str) -> MetamodelName:
+    """Return ``name`` as a key of :data:`METAMODELS`.
+
+    Raises:
+        ValueError: unknown name; the message lists the known ones.
+    """
+    for known in METAMODELS:
+        if known == name:
+            return known
+    raise ValueError(f"unknown metamodel {name!r}; known: {', '.join(METAMODELS)}")
 
 
 @functools.cache
@@ -605,11 +627,10 @@ def load_metamodel(name: str) -> MuscleMetamodel:
         ValueError: unknown name; the message lists the known ones.
         ConfigError: a table is missing or unreadable.
     """
-    if name not in METAMODELS:
-        raise ValueError(f"unknown metamodel {name!r}; known: {', '.join(METAMODELS)}")
+    make = METAMODELS[metamodel_name(name)]
     design, theta, force = read_samples(TRAINING_TABLE)
     checked, checked_theta, checked_force = read_samples(VALIDATION_TABLE)
-    theta_model, force_model = METAMODELS[name]().fit(design, theta), METAMODELS[name]().fit(design, force)
+    theta_model, force_model = make().fit(design, theta), make().fit(design, force)
     return MuscleMetamodel(
         theta_max_deg=theta_model,
         f_max_n=force_model,
@@ -641,19 +662,22 @@ def _trend(points: NDArray[np.float64], name: str) -> NDArray[np.float64]:
 
 
 def _squared_distances(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    return cdist(left, right, "sqeuclidean")
+    distances: NDArray[np.float64] = cdist(left, right, "sqeuclidean")
+    return distances
 
 
 def _apart(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return distances in a and in b of rows of ``left`` (n, 2) and ``right`` (m, 2), shape (2, n, m)."""
-    return np.abs(left.T[:, :, None] - right.T[:, None, :])
+    apart: NDArray[np.float64] = np.abs(left.T[:, :, None] - right.T[:, None, :])
+    return apart
 
 
 def _inverse(lower_factor: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse of the matrix with this lower Cholesky factor: a third of the work of solving for it."""
     inverse, _ = dpotri(lower_factor, lower=True)
     below = np.tril(inverse, -1)
-    return below + below.T + np.diag(np.diag(inverse))
+    whole: NDArray[np.float64] = below + below.T + np.diag(np.diag(inverse))
+    return whole
 
 
 def _rms(error: NDArray[np.float64]) -> float:

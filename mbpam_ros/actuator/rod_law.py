@@ -34,6 +34,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -92,10 +93,15 @@ class RodLaw:
         along, across = self.psc_stiffness_n_m2 - start, self.pdc_stiffness_n_m2 - self.psc_stiffness_n_m2
         if start + 2.0 * (along.min() + across.min()) <= 0.0:  # two chambers lie along M0, two across, or in between
             raise ValueError("the bending stiffness must be positive for all pressures")
+
+    @cached_property
+    def _blend_tables(self) -> BlendTables:
+        grid, start = self.pressure_gauge_pa, self.psc_stiffness_n_m2[0]
+        along, across = self.psc_stiffness_n_m2 - start, self.pdc_stiffness_n_m2 - self.psc_stiffness_n_m2
         share = np.divide(1.0, grid, out=np.zeros_like(grid), where=grid > 0.0)
         gain = (self.pdc_moment_n_m * _ROOT_HALF - self.psc_moment_n_m) * share
         rows = np.column_stack([self.psc_moment_n_m, gain, 0.5 * (along + across), 0.5 * (along - across)])
-        object.__setattr__(self, "_blend_tables", BlendTables(float(grid[1]), rows, float(start)))
+        return BlendTables(float(grid[1]), rows, float(start))
 
     def moment_and_stiffness(self, pressure_gauge_pa: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return M0 and B for the pressures of chambers 1 to 4.
@@ -128,7 +134,8 @@ class RodLaw:
         }
         if pattern not in tables:
             raise ValueError(f"unknown pattern {pattern!r}; known: {', '.join(tables)}")
-        moment, stiffness = (np.interp(pressure_gauge_pa, self.pressure_gauge_pa, table) for table in tables[pattern])
+        pressure = np.asarray(pressure_gauge_pa, dtype=float)
+        moment, stiffness = (np.interp(pressure, self.pressure_gauge_pa, table) for table in tables[pattern])
         return moment, stiffness
 
     def at_nominal_pressure(self, pattern: str) -> tuple[float, float]:
@@ -197,4 +204,5 @@ def _continued(x: NDArray[np.float64], y: NDArray[np.float64], grid: NDArray[np.
     """PCHIP through (x, y) on ``grid``, a straight line with the end slope beyond the last x."""
     curve = PchipInterpolator(x, y)
     beyond = np.maximum(grid - x[-1], 0.0)
-    return curve(np.minimum(grid, x[-1])) + float(curve.derivative()(x[-1])) * beyond
+    continued: NDArray[np.float64] = curve(np.minimum(grid, x[-1])) + float(curve.derivative()(x[-1])) * beyond
+    return continued

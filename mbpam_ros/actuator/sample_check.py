@@ -156,7 +156,7 @@ def _curve_text(combination: NDArray[np.float64], powers: Powers) -> str:
 def _in_mm(direction: NDArray[np.float64], own: DesignDomain) -> NDArray[np.float64]:
     """Return a direction of the scaled box in (a, b), of length one, its first component not negative."""
     low, high = own.bounds_mm
-    turned = direction * (high - low)
+    turned: NDArray[np.float64] = direction * (high - low)
     turned = turned / np.linalg.norm(turned)
     return -turned if turned[0] < 0.0 else turned
 

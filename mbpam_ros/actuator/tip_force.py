@@ -11,6 +11,7 @@ which returns both patterns exactly, turns and mirrors with M0 and is continuous
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,7 +39,14 @@ class TipForce:
             moment, force = getattr(self, f"{pattern}_moment_n_m"), getattr(self, f"{pattern}_force_n")
             if moment.shape != force.shape or moment[0] <= 0.0 or np.any(np.diff(moment) <= 0.0):
                 raise ValueError(f"{pattern}: one force for each of rising, positive moments is needed")
-            object.__setattr__(self, f"_{pattern}_lever", force / moment)
+
+    @cached_property
+    def _psc_lever(self) -> NDArray[np.float64]:
+        return self.psc_force_n / self.psc_moment_n_m
+
+    @cached_property
+    def _pdc_lever(self) -> NDArray[np.float64]:
+        return self.pdc_force_n / self.pdc_moment_n_m
 
     def at(self, moment_n_m: ArrayLike) -> NDArray[np.float64]:
         """Return the force [N], shape (...), for intrinsic moments in bend components, shape (..., 2)."""
@@ -48,4 +56,5 @@ class TipForce:
         share = toward[..., 0] ** 2 - toward[..., 1] ** 2  # cos(2 phi)
         pdc = np.interp(size, self.pdc_moment_n_m, self._pdc_lever)
         psc = np.interp(size, self.psc_moment_n_m, self._psc_lever)
-        return size * (psc + share**2 * (pdc - psc))
+        force: NDArray[np.float64] = size * (psc + share**2 * (pdc - psc))
+        return force

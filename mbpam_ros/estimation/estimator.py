@@ -160,7 +160,8 @@ class BendEstimator:
         noise = np.einsum("cfk,cfk,fc->f", slope, slope, variance)
         bend = estimate.bend_rad
         model = self._relative_model_error * np.hypot(bend[:, 0], bend[:, 1])
-        return np.sqrt(noise + model**2)
+        sigma: NDArray[np.float64] = np.sqrt(noise + model**2)
+        return sigma
 
     def tips(self, bend_rad: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the tips' positions (4, 3) [m] and orientations (4, 4), x y z w, in ``gripper_base`` for bends (4, 2).
@@ -179,7 +180,8 @@ class BendEstimator:
 
         Shape (4, ``centreline_points``, 3) [m], from clamp to tip; NaN where the bend is NaN.
         """
-        return centreline(bend_rad, self._geometry, self._arc_length) + self._base[:, None, :]
+        lines: NDArray[np.float64] = centreline(bend_rad, self._geometry, self._arc_length) + self._base[:, None, :]
+        return lines
 
 
 class _Followed(NamedTuple):

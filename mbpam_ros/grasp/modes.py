@@ -49,9 +49,8 @@ class GraspMode:
 
     def mirrored(self) -> GraspMode:
         """Return the mirror image about the XZ plane (y -> -y); a rod along Y stays along Y."""
-        return replace(
-            self, bend_azimuth_deg=tuple(-self.bend_azimuth_deg[finger] for finger in _MIRROR_IMAGE_OF_FINGER)
-        )
+        first, second, third, fourth = (-self.bend_azimuth_deg[finger] for finger in _MIRROR_IMAGE_OF_FINGER)
+        return replace(self, bend_azimuth_deg=(first, second, third, fourth))
 
     @property
     def yaw_couple(self) -> float:

@@ -26,6 +26,8 @@ import numpy as np
 import psutil
 from diagnostic_msgs.msg import DiagnosticStatus
 from domain_coordinator import domain_id
+from rclpy.client import Client
+from rclpy.type_support import Msg
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
@@ -155,7 +157,9 @@ class Bench:
             (Trigger, "grasp/reset", Trigger.Request()),
             (Trigger, "plant/lower", Trigger.Request()),
         ]
-        clients = [(operator.node.create_client(kind, name), request) for kind, name, request in requests]
+        clients: list[tuple[Client, Msg]] = [
+            (operator.node.create_client(kind, name), request) for kind, name, request in requests
+        ]
         for (kind, name, request), (client, _) in zip(requests, clients, strict=True):
             operator.call(kind, name, request)
             operator.wait_for(client.service_is_ready, WAIT_S, name)
@@ -196,9 +200,8 @@ class Bench:
                 stamp = operator.node.get_clock().now().to_msg()
                 began = time.perf_counter()
                 setpoints.publish(joint_state(stamp, CHANNEL_NAMES, effort=wanted))
-                answer = _answer(latest, channel, 1.0 if rising else -1.0)
-                operator.wait_for(lambda answer=answer: answer() is not None, WAIT_S, "an answering valve command")
-                times_ms.append(1e3 * (answer() - began))
+                answered_at = _wait_for_answer(operator, latest, channel, 1.0 if rising else -1.0)
+                times_ms.append(1e3 * (answered_at - began))
             self._percentiles("set-point to valve command", times_ms, 15.0)
 
     def _plant_alone(self) -> None:
@@ -335,14 +338,16 @@ class Bench:
             self.figures.append(Figure(f"{name}, p{percent} of {count}", value, "ms", budget, *span))
 
 
-def _answer(commands: list[tuple[float, JointState]], channel: int, direction: float) -> Callable[[], float | None]:
-    """Return a look-up of when the first command arrived that opens the channel's valve in ``direction``."""
+def _wait_for_answer(
+    operator: Operator, commands: list[tuple[float, JointState]], channel: int, direction: float
+) -> float:
+    """Return when the first command arrived that opens the channel's valve in ``direction``."""
 
-    def found_at() -> float | None:
-        answers = (at for at, command in commands if direction * command.position[channel] > RESPONSE)
-        return next(answers, None)
+    def answers() -> Iterator[float]:
+        return (at for at, command in commands if direction * command.position[channel] > RESPONSE)
 
-    return found_at
+    operator.wait_for(lambda: any(True for _ in answers()), WAIT_S, "an answering valve command")
+    return next(answers())
 
 
 def _fixed_loop_ms() -> float:

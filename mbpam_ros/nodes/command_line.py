@@ -52,11 +52,13 @@ def besides_ros(arguments: Sequence[str]) -> list[str]:
 def help_text(program: str, factories: Sequence[Callable]) -> str:
     """Return what the executable's nodes do, and their parameters, topics and services."""
     modules = [sys.modules[factory.__module__] for factory in factories]
-    nodes = [Path(module.__file__).stem for module in modules]  # a name would be __main__ where one is run itself
+    nodes = [
+        Path(module.__file__ or module.__name__).stem for module in modules
+    ]  # a name would be __main__ where one is run itself
     prefixes = [f"{node}:" if len(nodes) > 1 else "" for node in nodes]
     lines = [
         f"usage: {program} [-h] [--ros-args [-p NAME:=VALUE] [-r OLD:=NEW] [--params-file FILE] [-r __ns:=/NAME] ...]",
-        *("", "\n".join(module.__doc__.strip() for module in modules), "", "parameters"),
+        *("", "\n".join((module.__doc__ or "").strip() for module in modules), "", "parameters"),
         table(
             ("name", "default", "range", "meaning"),
             [

@@ -13,12 +13,14 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from mbpam_ros.nodes.system import NodeProcesses, NodeSystemError, Operator, exit_on_stop_signals  # isort: skip
+from mbpam_ros.nodes.system import NodeProcesses, NodeSystemError, Operator, Service, exit_on_stop_signals  # isort: skip
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from domain_coordinator import domain_id
+from rclpy.type_support import Msg
 from sensor_msgs.msg import CompressedImage, JointState
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -182,6 +184,8 @@ def grasp(name: str, scene: Scene, tier: str, report: Path, line: LiveLine) -> G
     Raises:
         NodeSystemError: a stage did not happen.
     """
+    if scene.config.support is None:
+        raise NodeSystemError(f"scene {scene.name}: no support to see the object on")
     arguments = {
         "plant": ["-p", f"scene:={name}", "-p", f"tier:={tier}"],
         "object_detector": ["-p", f"support_depth_m:={scene.config.support.depth_m}"],
@@ -200,7 +204,10 @@ def grasp(name: str, scene: Scene, tier: str, report: Path, line: LiveLine) -> G
 
 
 def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> GraspResult:
-    name = scene.object.label
+    spec = scene.object
+    if spec is None or scene.config.object is None:
+        raise NodeSystemError(f"scene {scene.name}: nothing to grasp")
+    name = spec.label
     watcher = Watcher(operator)
 
     def wait_for(predicate: Callable[[], bool], timeout_s: float, what: str) -> None:
@@ -218,14 +225,17 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
     line.say(f"{name}: starting {len(NODES)} node processes")
     for node in NODES:
         hint = " (compiles its contact solver on the first run)" if node == "plant" else ""
-        wait_for(lambda node=node: f"/{node}" in operator.health, 180.0, f"waiting for {node}{hint}")
+        wait_for(partial(operator.health.__contains__, f"/{node}"), 180.0, f"waiting for {node}{hint}")
     _ask(operator, SetBool, "valve_controller/enable", SetBool.Request(data=True))
     wait_for(lambda: operator.health["/grasp_arbiter"][0] == DiagnosticStatus.OK, 20.0, "waiting for readiness")
     wait_for(lambda: watcher.hears_everything, 20.0, "looking")
     watcher.set_start()
     watcher.snapshot("start")
-    size_m = [round(float(value), 4) for value in _size(watcher.detection)]
-    line.say(f"{name}: detected a {watcher.detection.text} of {_millimetres(size_m)} mm")
+    detection = watcher.detection
+    if detection is None:
+        raise NodeSystemError("looking: nothing detected")
+    size_m = [round(float(value), 4) for value in _size(detection)]
+    line.say(f"{name}: detected a {detection.text} of {_millimetres(size_m)} mm")
 
     answer = _ask_patiently(operator, Trigger, "grasp/auto")
     watcher.event("grasp/auto")
@@ -256,30 +266,30 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
     line.say(f"{name}: released")
 
     watcher.record.title = f"{name}: {mode}, {outcome}"
-    watcher.record.object_size_m, watcher.record.object_shape = scene.object.size_m, scene.object.shape
+    watcher.record.object_size_m, watcher.record.object_shape = spec.size_m, spec.shape
     picture = report / f"{scene.name}.png"
     draw_report(watcher.record, picture)
     line.say(f"{name}: picture report in {picture}")
     return GraspResult(
         object=scene.config.object,
         mode=mode,
-        expected_mode=scene.object.expected_mode,
+        expected_mode=spec.expected_mode,
         detected_size_m=size_m,
-        true_size_m=list(scene.object.size_m),
+        true_size_m=list(spec.size_m),
         held=held,
         rise_m=round(rise_m, 4),
         close_s=round(close_s, 3),
     )
 
 
-def _ask(operator: Operator, service_type: type, name: str, request: object = None) -> str:
+def _ask(operator: Operator, service_type: type[Service], name: str, request: Msg | None = None) -> str:
     response = operator.call(service_type, name, request)
     if not response.success:
         raise NodeSystemError(f"{name} refused: {response.message}")
     return response.message
 
 
-def _ask_patiently(operator: Operator, service_type: type, name: str) -> str:
+def _ask_patiently(operator: Operator, service_type: type[Service], name: str) -> str:
     """Ask again while refused: the server may not have discovered all its sources when we have."""
     deadline = time.monotonic() + PATIENCE_S
     while True:
@@ -289,7 +299,11 @@ def _ask_patiently(operator: Operator, service_type: type, name: str) -> str:
             if time.monotonic() > deadline:
                 raise
             again_at = time.monotonic() + RETRY_S
-            operator.wait_for(lambda again_at=again_at: time.monotonic() > again_at, PATIENCE_S, "the next try")
+            operator.wait_for(partial(_is_past, again_at), PATIENCE_S, "the next try")
+
+
+def _is_past(time_s: float) -> bool:
+    return time.monotonic() > time_s
 
 
 def _size(marker: Marker) -> tuple[float, float, float]:

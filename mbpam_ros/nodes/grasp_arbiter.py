@@ -5,8 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from functools import partial
+from typing import TYPE_CHECKING
 
-from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
@@ -24,6 +25,9 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.markers import BASE_FRAME, SHAPES
 from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, pose, pose_arrays, with_answer
 from mbpam_ros.nodes.parameters import Parameter
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 PARAMETERS = (
     Parameter("gripper", "gripper.yaml", "gripper file: layout and pressure limit"),
@@ -43,11 +47,11 @@ WATCHED_NODES = ("pressure_sensor", "valve_controller")
 class GraspArbiterNode(GripperNode):
     """Adapter around :class:`Arbiter`."""
 
-    def __init__(self, **node_options: object) -> None:
+    def __init__(self, **node_options: Unpack[NodeOptions]) -> None:
         super().__init__("grasp_arbiter", PARAMETERS, **node_options)
-        gripper = load_gripper(self.value("gripper"))
-        config = load_grasp_config(self.value("grasp"))
-        modes = load_modes(self.value("modes"))
+        gripper = load_gripper(self.text("gripper"))
+        config = load_grasp_config(self.text("grasp"))
+        modes = load_modes(self.text("modes"))
         selector = ModeSelector(config.selection, gripper, modes)
         try:
             self._arbiter = Arbiter(
@@ -76,7 +80,7 @@ class GraspArbiterNode(GripperNode):
         self._serve("grasp/release", self._arbiter.release)
         self._serve("grasp/stop", self._arbiter.stop)
         self._serve("grasp/reset", self._arbiter.reset)
-        self.create_timer(1.0 / self.value("tick_rate_hz"), self._tick)
+        self.create_timer(1.0 / self.number("tick_rate_hz"), self._tick)
         # A valve controller started anew has missed the last change.
         self.create_timer(SETPOINT_REPEAT_S, self._publish_setpoints)
 
@@ -115,7 +119,7 @@ class GraspArbiterNode(GripperNode):
             return
         stamp = self.now_stamp()
         self._publish_setpoints()
-        self._publish_state()
+        self._publish_state(self._decision)
         if self._decision.grasp_pose is not None:
             target = self._decision.grasp_pose
             wrist = PoseStamped(pose=pose(target.position_m, target.orientation_xyzw))
@@ -128,8 +132,7 @@ class GraspArbiterNode(GripperNode):
             stamp = self.now_stamp()
             self._setpoints.publish(joint_state(stamp, CHANNEL_NAMES, effort=self._decision.setpoint_gauge_pa))
 
-    def _publish_state(self) -> None:
-        decision = self._decision
+    def _publish_state(self, decision: Decision) -> None:
         # An arbiter that knows no pressures cannot know whether another one before it has stopped the gripper.
         if not decision.informed:
             return

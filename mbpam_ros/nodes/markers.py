@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
+from mbpam_ros.grasp.selection import Shape
 from mbpam_ros.nodes.messages import point, pose
 
 BASE_FRAME = "gripper_base"
@@ -18,7 +19,7 @@ BASE_FRAME = "gripper_base"
 WORLD_FRAME = "world"
 """``gripper_base`` as it stood at the start; it stays when the hand is lifted (along -z)."""
 
-MARKER_TYPES = {"sphere": Marker.SPHERE, "cylinder": Marker.CYLINDER, "box": Marker.CUBE}
+MARKER_TYPES: dict[Shape, int] = {"sphere": Marker.SPHERE, "cylinder": Marker.CYLINDER, "box": Marker.CUBE}
 SHAPES = {marker_type: shape for shape, marker_type in MARKER_TYPES.items()}
 
 
@@ -54,10 +55,10 @@ def solid_marker(
     frame_id: str,
     namespace: str,
     index: int,
-    shape: str,
-    size_m: Sequence[float],
-    position_m: Sequence[float],
-    orientation_xyzw: Sequence[float],
+    shape: Shape,
+    size_m: Sequence[float] | NDArray[np.float64],
+    position_m: Sequence[float] | NDArray[np.float64],
+    orientation_xyzw: Sequence[float] | NDArray[np.float64],
     rgba: ColorRGBA,
 ) -> Marker:
     """Return a sphere, cylinder or box of true size [m] at its pose."""

@@ -104,13 +104,15 @@ def named_values(message: JointState, names: tuple[str, ...], field: str) -> NDA
     return values[[index[name] for name in names]]
 
 
-def point(position_m: Sequence[float]) -> Point:
+def point(position_m: Sequence[float] | NDArray[np.float64]) -> Point:
     """Return three coordinates as a Point."""
     x, y, z = (float(value) for value in position_m)
     return Point(x=x, y=y, z=z)
 
 
-def pose(position_m: Sequence[float], orientation_xyzw: Sequence[float]) -> Pose:
+def pose(
+    position_m: Sequence[float] | NDArray[np.float64], orientation_xyzw: Sequence[float] | NDArray[np.float64]
+) -> Pose:
     """Return position and quaternion (x, y, z, w) as a Pose."""
     x, y, z, w = (float(value) for value in orientation_xyzw)
     return Pose(position=point(position_m), orientation=Quaternion(x=x, y=y, z=z, w=w))

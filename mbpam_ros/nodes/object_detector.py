@@ -6,9 +6,9 @@ import array
 import copy
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mbpam_ros.nodes.runtime import STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
 import cv2
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -23,6 +23,9 @@ from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.vision.camera import CameraError, Intrinsics, camera_pose, load_camera_config
 from mbpam_ros.vision.detector import Detection, ImageError, ObjectDetector, load_detector_config
 from mbpam_ros.vision.overlay import draw_overlay
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 PARAMETERS = (
     Parameter("gripper", "gripper.yaml", "gripper file: the open fingers, which hide parts of the view"),
@@ -41,11 +44,11 @@ SHAPE_RGB = (0.2, 0.8, 0.3)
 class ObjectDetectorNode(GripperNode):
     """Adapter around :class:`ObjectDetector`."""
 
-    def __init__(self, **node_options: object) -> None:
+    def __init__(self, **node_options: Unpack[NodeOptions]) -> None:
         super().__init__("object_detector", PARAMETERS, **node_options)
-        camera = load_camera_config(self.value("camera"))
+        camera = load_camera_config(self.text("camera"))
         self._detector = ObjectDetector(
-            load_detector_config(self.value("detector")), camera_pose(camera), load_gripper(self.value("gripper"))
+            load_detector_config(self.text("detector")), camera_pose(camera), load_gripper(self.text("gripper"))
         )
         self._intrinsics: Intrinsics | None = None
         self._distortion: NDArray[np.float64] | None = None
@@ -92,14 +95,14 @@ class ObjectDetectorNode(GripperNode):
     def _on_image(self, message: Image) -> None:
         now_s = self.now_s()
         # A tenth early, so that an image stream of just this rate is not halved by its jitter.
-        if self._seen_at_s is not None and 0.0 <= now_s - self._seen_at_s < 0.9 / self.value("max_rate_hz"):
+        if self._seen_at_s is not None and 0.0 <= now_s - self._seen_at_s < 0.9 / self.number("max_rate_hz"):
             return
         self._seen_at_s = now_s
         try:
-            if self._intrinsics is None:
+            if self._intrinsics is None or self._distortion is None:
                 raise ImageError("no valid camera_info yet")
             image = _pixels(message)
-            depth_m = self.value("support_depth_m")
+            depth_m = self.number("support_depth_m")
             # A still scene of the simulated camera repeats its image byte for byte: what was found stands.
             view = (message.encoding, image.shape, self._intrinsics, self._distortion.tobytes(), depth_m, message.data)
             if view != self._found_in:
@@ -140,7 +143,7 @@ class ObjectDetectorNode(GripperNode):
 
     def _publish_overlay(self, message: Image, image: NDArray[np.uint8]) -> None:
         overlay = draw_overlay(image, message.encoding, self._found)
-        _, jpeg = cv2.imencode(".jpg", overlay, [cv2.IMWRITE_JPEG_QUALITY, self.value("jpeg_quality")])
+        _, jpeg = cv2.imencode(".jpg", overlay, [cv2.IMWRITE_JPEG_QUALITY, self.whole("jpeg_quality")])
         compressed = CompressedImage(header=message.header, format="jpeg")
         compressed.data = array.array("B", jpeg.tobytes())
         self._overlay.publish(compressed)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import sys
 import time
+from typing import TYPE_CHECKING
 
-from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock as RosClock
@@ -31,6 +32,9 @@ from mbpam_ros.plant.scene import Scene, load_scene
 from mbpam_ros.plant.tiers import PlantDivergedError, TierError
 from mbpam_ros.pneumatics.chamber import PneumaticsInputError
 from mbpam_ros.pneumatics.config import load_pneumatics
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 PARAMETERS = (
     Parameter("gripper", "gripper.yaml", "gripper file: muscles and layout"),
@@ -65,14 +69,14 @@ PALM_SIZE_M = (0.12, 0.12, 0.01)
 class PlantNode(GripperNode):
     """Adapter around the plant's one face: step, observe, reset, lift, lower."""
 
-    def __init__(self, **node_options: object) -> None:
+    def __init__(self, **node_options: Unpack[NodeOptions]) -> None:
         super().__init__("plant", PARAMETERS, **node_options)
-        self._gripper = load_gripper(self.value("gripper"))
+        self._gripper = load_gripper(self.text("gripper"))
         forward_logs(PLANT_LOGGER, self.get_logger())
         self._scene = self._load_scene()
         self._plant = self._build_plant()
-        self._dt_s = 1.0 / self.value("rate_hz")
-        self._command_timeout_s = self.value("command_timeout_s")
+        self._dt_s = 1.0 / self.number("rate_hz")
+        self._command_timeout_s = self.number("command_timeout_s")
         self._spool = np.zeros(CHANNEL_COUNT)
         self._commanded_at_s = -np.inf
         self._before_reset_s = 0.0
@@ -81,9 +85,9 @@ class PlantNode(GripperNode):
         self._rate_since = (time.monotonic(), 0)
         self._real_time_factor = 1.0
 
-        self._camera = PlantCamera(self, self._gripper, self._scene) if self.value("camera_rate_hz") > 0.0 else None
-        self._camera_every = max(1, round(self.value("rate_hz") / max(self.value("camera_rate_hz"), 1e-3)))
-        self._markers_every = max(1, round(self.value("rate_hz") / self.value("marker_rate_hz")))
+        self._camera = PlantCamera(self, self._gripper, self._scene) if self.number("camera_rate_hz") > 0.0 else None
+        self._camera_every = max(1, round(self.number("rate_hz") / max(self.number("camera_rate_hz"), 1e-3)))
+        self._markers_every = max(1, round(self.number("rate_hz") / self.number("marker_rate_hz")))
         self._transducers = self.create_publisher(JointState, "transducers", STREAM)
         self._volts = JointStateForm(CHANNEL_NAMES)
         self._markers = self.create_publisher(MarkerArray, "plant/finger_markers", STREAM)
@@ -96,7 +100,7 @@ class PlantNode(GripperNode):
         self._ticks_at_timer = -1
         self._ticked_at_s = time.monotonic()
         self._answering: tuple[int, int] | None = None
-        period_s = self.value("lock_step_timeout_s") if self._lock_step else self._dt_s
+        period_s = self.number("lock_step_timeout_s") if self._lock_step else self._dt_s
         self.create_timer(period_s, self._on_timer, clock=RosClock(clock_type=ClockType.STEADY_TIME))
 
     def health(self) -> Health:
@@ -119,11 +123,11 @@ class PlantNode(GripperNode):
         return Health(message="running", values=values)
 
     def _load_scene(self) -> Scene:
-        scene = load_scene(self.value("scene"))
-        if self.value("tier"):
-            scene = dataclasses.replace(scene, config=dataclasses.replace(scene.config, tier=self.value("tier")))
-        scene = planned_scene(scene, self._gripper.geometry.length_m, tick_s=1.0 / self.value("rate_hz"))
-        ratio = 1.0 / (self.value("rate_hz") * scene.config.sub_step_s)
+        scene = load_scene(self.text("scene"))
+        if self.text("tier"):
+            scene = dataclasses.replace(scene, config=dataclasses.replace(scene.config, tier=self.text("tier")))
+        scene = planned_scene(scene, self._gripper.geometry.length_m, tick_s=1.0 / self.number("rate_hz"))
+        ratio = 1.0 / (self.number("rate_hz") * scene.config.planned_sub_step_s)
         if abs(ratio - round(ratio)) > 1e-6 or ratio < 1.0:
             raise ConfigError(
                 f"plant: rate_hz = {self.value('rate_hz'):g} gives ticks that are not a whole multiple of the scene's "
@@ -134,9 +138,9 @@ class PlantNode(GripperNode):
         return scene
 
     def _build_plant(self) -> Plant:
-        pneumatics = load_pneumatics(self.value("pneumatics"))
+        pneumatics = load_pneumatics(self.text("pneumatics"))
         try:
-            return build_plant(self._scene, self._gripper, pneumatics, seed=self.value("seed"))
+            return build_plant(self._scene, self._gripper, pneumatics, seed=self.whole("seed"))
         except ConfigError:
             raise
         except (TierError, PneumaticsInputError) as error:
@@ -223,7 +227,7 @@ class PlantNode(GripperNode):
         grey = colour((0.3, 0.3, 0.3))
         markers.append(solid_marker(self._stamp, WORLD_FRAME, "palm", 0, "box", PALM_SIZE_M, palm, upright, grey))
         body, spec = observation.object_in_world, self._scene.object
-        if body is not None:
+        if body is not None and spec is not None:
             pose = (body.position_m, body.orientation_xyzw)
             rgba = colour(spec.colour_rgb)
             markers.append(solid_marker(self._stamp, WORLD_FRAME, "object", 0, spec.shape, spec.size_m, *pose, rgba))

@@ -14,7 +14,7 @@ from mbpam_ros.gripper import Gripper
 from mbpam_ros.nodes.runtime import STREAM, GripperNode
 from mbpam_ros.plant.plant import Observation
 from mbpam_ros.plant.scene import Scene
-from mbpam_ros.vision.camera import camera_intrinsics, load_camera_config
+from mbpam_ros.vision.camera import Intrinsics, camera_intrinsics, load_camera_config
 from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
 
 OPTICAL_FRAME = "camera_optical"
@@ -36,9 +36,9 @@ class PlantCamera:
     """
 
     def __init__(self, node: GripperNode, gripper: Gripper, scene: Scene) -> None:
-        config = load_camera_config(node.value("camera"))
+        config = load_camera_config(node.text("camera"))
         self._renderer = Renderer.from_config(config)
-        self._rng = np.random.default_rng(node.value("seed"))
+        self._rng = np.random.default_rng(node.whole("seed"))
         self._finger_radius_m = gripper.geometry.outer_radius_m
         self._scene = scene
         self._info = _camera_info(camera_intrinsics(config))
@@ -82,30 +82,30 @@ class PlantCamera:
         """The scene in ``gripper_base``; the support sinks when the hand is raised."""
         rise_m = observation.hand_lift_m
         support = self._scene.config.support
-        stand: dict[str, object] = {}
+        half_size_m: tuple[float, float] | None = None
+        floor_depth_m = SceneView.floor_depth_m
         if support is None:
             depth_m = DEFAULT_FLOOR_DEPTH_M
         else:
             depth_m = support.depth_m + rise_m
-            if support.half_size_m is not None:
-                stand = {
-                    "support_half_size_m": support.half_size_m,
-                    "floor_depth_m": depth_m + support.stand_height_m,
-                }
+            if support.half_size_m is not None and support.stand_height_m is not None:
+                half_size_m, floor_depth_m = support.half_size_m, depth_m + support.stand_height_m
         solids: tuple[ColouredSolid, ...] = ()
         body, spec = observation.object_in_gripper, self._scene.object
-        if body is not None:
-            solids = (ColouredSolid(spec.shape, spec.size_m, body.position_m, body.orientation_xyzw, spec.colour_rgb),)
+        if body is not None and spec is not None:
+            size_m = np.array(spec.size_m)
+            solids = (ColouredSolid(spec.shape, size_m, body.position_m, body.orientation_xyzw, spec.colour_rgb),)
         return SceneView(
             support_depth_m=depth_m,
             solids=solids,
             finger_centrelines_m=observation.centreline_m,
             finger_radius_m=self._finger_radius_m,
-            **stand,
+            support_half_size_m=half_size_m,
+            floor_depth_m=floor_depth_m,
         )
 
 
-def _camera_info(intrinsics: object) -> CameraInfo:
+def _camera_info(intrinsics: Intrinsics) -> CameraInfo:
     info = CameraInfo(width=intrinsics.width_px, height=intrinsics.height_px, distortion_model="plumb_bob")
     info.header.frame_id = OPTICAL_FRAME
     info.d = [0.0] * 5
@@ -117,7 +117,10 @@ def _camera_info(intrinsics: object) -> CameraInfo:
 
 def _pose_vector(observation: Observation) -> NDArray[np.float64]:
     """Everything the view depends on, scaled so that 1 is a change worth a new frame."""
-    parts = [observation.centreline_m.ravel() / STILL_DISTANCE_M, [observation.hand_lift_m / STILL_DISTANCE_M]]
+    parts = [
+        observation.centreline_m.ravel() / STILL_DISTANCE_M,
+        np.array([observation.hand_lift_m / STILL_DISTANCE_M]),
+    ]
     if observation.object_in_gripper is not None:
         parts.append(observation.object_in_gripper.position_m / STILL_DISTANCE_M)
         parts.append(observation.object_in_gripper.orientation_xyzw / STILL_TURN_RAD)

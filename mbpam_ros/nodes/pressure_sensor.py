@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import sys
+from typing import TYPE_CHECKING
 
-from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import FluidPressure, JointState
 from std_srvs.srv import Trigger
@@ -23,6 +24,9 @@ from mbpam_ros.pneumatics.sensing import (
     ZeroRefusedError,
 )
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
 PARAMETERS = (
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: transducers and how their volts are read"),
     Parameter("ambient_pressure_pa", 101325.0, "absolute ambient pressure [Pa]", 5e4, 1.2e5, changeable=True),
@@ -33,9 +37,9 @@ PARAMETERS = (
 class PressureSensorNode(GripperNode):
     """Adapter around :class:`PressureSensing`."""
 
-    def __init__(self, **node_options: object) -> None:
+    def __init__(self, **node_options: Unpack[NodeOptions]) -> None:
         super().__init__("pressure_sensor", PARAMETERS, **node_options)
-        config = load_pneumatics(self.value("pneumatics"))
+        config = load_pneumatics(self.text("pneumatics"))
         self._sensing = PressureSensing(config.sensing, config.transducer)
         self._missing_time_s = config.sensing.missing_time_s
         self._clock_of_samples = StampClock()
@@ -46,7 +50,7 @@ class PressureSensorNode(GripperNode):
         self._fluid = [self.create_publisher(FluidPressure, topic, STREAM) for topic in _fluid_topics()]
         self.create_subscription(JointState, "transducers", self._on_transducers, NEWEST)
         self.create_service(Trigger, "pressure_sensor/zero", self._on_zero)
-        self.create_timer(1.0 / self.value("fluid_pressure_rate_hz"), self._publish_fluid_pressures)
+        self.create_timer(1.0 / self.number("fluid_pressure_rate_hz"), self._publish_fluid_pressures)
         self.create_timer(self._missing_time_s, self._on_silence)
 
     def health(self) -> Health:
@@ -86,7 +90,7 @@ class PressureSensorNode(GripperNode):
         """Publish absolute pressure, as FluidPressure is by its definition, of channels that have one."""
         if self._reading is None:
             return
-        ambient_pa = self.value("ambient_pressure_pa")
+        ambient_pa = self.number("ambient_pressure_pa")
         for i, publisher in enumerate(self._fluid):
             if publisher.get_subscription_count() == 0 or math.isnan(self._reading.pressure_gauge_pa[i]):
                 continue

@@ -10,14 +10,19 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypedDict
 
 import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
+from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -29,6 +34,9 @@ from mbpam_ros.nodes.exit_timer import exits_after
 from mbpam_ros.nodes.lateness import Lateness
 from mbpam_ros.nodes.messages import time_stamp
 from mbpam_ros.nodes.parameters import Parameter, declare_parameters
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 STREAM = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 """What data topics are published with, so that any subscription matches; and for subscriptions to requests and images,
@@ -76,10 +84,20 @@ class Health:
     values: dict[str, str] = field(default_factory=dict)
 
 
+class NodeOptions(TypedDict, total=False):
+    """What rclpy's ``Node`` takes beside its name, as far as anybody here gives it."""
+
+    context: Context
+    cli_args: list[str]
+    namespace: str
+    use_global_arguments: bool
+    parameter_overrides: list[RosParameter]
+
+
 class GripperNode(Node):
     """A node with declared parameters, a 1 Hz health report, and counted, throttled warnings about bad input."""
 
-    def __init__(self, name: str, parameters: Sequence[Parameter], **node_options: object) -> None:
+    def __init__(self, name: str, parameters: Sequence[Parameter], **node_options: Unpack[NodeOptions]) -> None:
         super().__init__(name, **node_options)
         try:
             declare_parameters(self, parameters)
@@ -113,7 +131,26 @@ class GripperNode(Node):
         """Return the present value of a declared parameter."""
         return self.get_parameter(parameter).value
 
-    def create_timer(self, period_s: float, callback: Callable[[], None], **options: object) -> Timer:
+    def number(self, parameter: str) -> float:
+        """Return the present value of a parameter that is a number."""
+        return float(self.value(parameter))
+
+    def whole(self, parameter: str) -> int:
+        """Return the present value of a parameter that is a whole number."""
+        return int(self.value(parameter))
+
+    def text(self, parameter: str) -> str:
+        """Return the present value of a parameter that is text."""
+        return str(self.value(parameter))
+
+    def create_timer(  # type: ignore[override]  # rclpy also takes callbacks that want to be told the time
+        self,
+        period_s: float,
+        callback: Callable[[], None],
+        callback_group: CallbackGroup | None = None,
+        clock: Clock | None = None,
+        autostart: bool = True,
+    ) -> Timer:
         """Create a timer; options as for rclpy's.
 
         The executor looks at a callback's signature at every call, to see whether it takes the timer's times: given
@@ -123,8 +160,8 @@ class GripperNode(Node):
         def call() -> None:
             callback()
 
-        call.__signature__ = inspect.signature(call)
-        return super().create_timer(period_s, call, **options)
+        vars(call)["__signature__"] = inspect.signature(call)
+        return super().create_timer(period_s, call, callback_group, clock, autostart)
 
     def now_s(self) -> float:
         """Return the node's time [s], for how old something is.
@@ -214,7 +251,7 @@ def run(*factories: Callable[[], GripperNode], arguments: Sequence[str] | None =
         return code
     stop_requested = _catch_stop_signals()
     try:
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=None if arguments is None else list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's own errors: a file of parameters or a rule it cannot read
         print(f"error: ROS arguments: {error}", file=sys.stderr)
         return 2
@@ -235,7 +272,7 @@ def run(*factories: Callable[[], GripperNode], arguments: Sequence[str] | None =
 
 
 def _live(
-    executor: EventsExecutor,
+    executor: Executor,
     nodes: list[GripperNode],
     factories: Sequence[Callable[[], GripperNode]],
     stop_requested: Callable[[], bool],
@@ -246,7 +283,7 @@ def _live(
             nodes.append(factory())
             executor.add_node(nodes[-1])
         _do_now_what_would_hold_up_the_valves()
-        ended = Future()
+        ended: Future[None] = Future()
 
         def look() -> None:
             if not ended.done() and (stop_requested() or any(node.failure for node in nodes)):

@@ -28,12 +28,13 @@ class StampClock:
         Raises:
             MessageError: the stamp is that of the last sample, so nobody can say how old this one is.
         """
-        if self._time_s is not None and stamp_s == self._stamp_s:
+        last_s = self._time_s
+        if last_s is not None and stamp_s == self._stamp_s:
             raise MessageError(f"header.stamp stands still at {stamp_s:.3f} s; stamp every sample with its own time")
-        restarted = self._time_s is None or stamp_s < max(self._stamp_s, self._time_s - LARGEST_DELAY_S)
-        self._stamp_s, self._received_s = stamp_s, now_s
-        self._time_s = stamp_s if restarted else max(stamp_s, self._time_s)
-        return self._time_s
+        restarted = last_s is None or stamp_s < max(self._stamp_s, last_s - LARGEST_DELAY_S)
+        time_s = stamp_s if restarted or last_s is None else max(stamp_s, last_s)
+        self._stamp_s, self._received_s, self._time_s = stamp_s, now_s, time_s
+        return time_s
 
     def age(self, now_s: float) -> float:
         """Return how long ago the last sample was received [s]; infinite if there was none."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -16,6 +17,7 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import BEND_NAMES, CHANNEL_COUNT, CHANNEL_NAMES, FINGER_NAMES
+from mbpam_ros.actuator.metamodel import metamodel_name
 from mbpam_ros.actuator.planar_rod import RodSolutionError
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.estimation.estimator import BendEstimator, EstimatorConfig, GripperEstimate
@@ -23,6 +25,9 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.markers import BASE_FRAME, finger_markers
 from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, pose, seconds
 from mbpam_ros.nodes.parameters import Parameter
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 PARAMETERS = (
     Parameter("gripper", "gripper.yaml", "gripper file: design, metamodel, target and layout"),
@@ -39,17 +44,16 @@ STALE_S = 0.5
 class StateEstimatorNode(GripperNode):
     """Adapter around :class:`BendEstimator`."""
 
-    def __init__(self, **node_options: object) -> None:
+    def __init__(self, **node_options: Unpack[NodeOptions]) -> None:
         super().__init__("state_estimator", PARAMETERS, **node_options)
-        gripper = load_gripper(self.value("gripper"))
-        if self.value("metamodel"):
-            gripper = replace(gripper, metamodel=self.value("metamodel"))
-        self._gripper = gripper
-        config = load_config(EstimatorConfig, self.value("estimator"))
+        gripper = load_gripper(self.text("gripper"))
+        metamodel = self.text("metamodel") or gripper.metamodel
+        config = load_config(EstimatorConfig, self.text("estimator"))
         try:
-            self._estimator = BendEstimator.for_gripper(gripper, config)
+            self._gripper = replace(gripper, metamodel=metamodel_name(metamodel))
+            self._estimator = BendEstimator.for_gripper(self._gripper, config)
         except (ValueError, RodSolutionError) as error:
-            place = f"{self.value('gripper')}, metamodel {gripper.metamodel}"
+            place = f"{self.value('gripper')}, metamodel {metamodel}"
             raise ConfigError(f"{place}: no rod law for this muscle: {error}") from error
         self._estimate: GripperEstimate | None = None
         self._received_s = -math.inf
@@ -60,11 +64,11 @@ class StateEstimatorNode(GripperNode):
         self._markers = self.create_publisher(MarkerArray, "finger_markers", STREAM)
         self._bends, self._tip_forces = JointStateForm(BEND_NAMES), JointStateForm(FINGER_NAMES)
         self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
-        self.create_timer(1.0 / self.value("marker_rate_hz"), self._publish_markers)
+        self.create_timer(1.0 / self.number("marker_rate_hz"), self._publish_markers)
 
     def health(self) -> Health:
         """ERROR while a finger's state is not known."""
-        values = {"metamodel": self._gripper.metamodel, "target": self._gripper.target}
+        values: dict[str, str] = {"metamodel": self._gripper.metamodel, "target": self._gripper.target}
         if self._estimate is None:
             return Health(DiagnosticStatus.ERROR, "no pressures received on 'chamber_states'", values)
         if self._is_stale():
@@ -73,15 +77,15 @@ class StateEstimatorNode(GripperNode):
         if len(unknown):
             names = ", ".join(FINGER_NAMES[i] for i in unknown)
             return Health(DiagnosticStatus.ERROR, f"state not known: {names}", values)
-        values["bend_sigma_max_deg"] = f"{np.degrees(self._bend_sigma_rad().max()):.2f}"
+        values["bend_sigma_max_deg"] = f"{np.degrees(self._bend_sigma_rad(self._estimate).max()):.2f}"
         return Health(message="4 fingers estimated", values=values)
 
     def _is_stale(self) -> bool:
         return self.now_s() - self._received_s > STALE_S
 
-    def _bend_sigma_rad(self) -> NDArray[np.float64]:
-        variance_pa2 = np.full(CHANNEL_COUNT, self.value("pressure_sigma_pa") ** 2)
-        return self._estimator.bend_sigma_rad(self._estimate, variance_pa2)
+    def _bend_sigma_rad(self, estimate: GripperEstimate) -> NDArray[np.float64]:
+        variance_pa2 = np.full(CHANNEL_COUNT, self.number("pressure_sigma_pa") ** 2)
+        return self._estimator.bend_sigma_rad(estimate, variance_pa2)
 
     def _on_chamber_states(self, message: JointState) -> None:
         try:
@@ -91,12 +95,11 @@ class StateEstimatorNode(GripperNode):
         except (MessageError, ValueError) as error:
             self.refuse("chamber_states", error)
             return
-        self._publish(message.header.stamp)
+        self._publish(message.header.stamp, self._estimate)
         self.publish_health_change(np.isnan(self._estimate.bend_rad).tobytes())
 
-    def _publish(self, stamp: Time) -> None:
+    def _publish(self, stamp: Time, estimate: GripperEstimate) -> None:
         """Publish the estimate where anybody listens: the messages cost as much as the estimate itself."""
-        estimate = self._estimate
         if self._joints.get_subscription_count() > 0:
             bend, rate, moment = (
                 field.reshape(-1) for field in (estimate.bend_rad, estimate.bend_rate_rad_s, estimate.moment_n_m)
@@ -106,7 +109,7 @@ class StateEstimatorNode(GripperNode):
             self._forces.publish(
                 self._tip_forces.filled(
                     stamp,
-                    position=self._bend_sigma_rad(),
+                    position=self._bend_sigma_rad(estimate),
                     effort=self._estimator.tip_force_n(estimate.moment_n_m),
                 )
             )

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import ClassVar, Protocol
 
 import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
 import rclpy
@@ -17,6 +18,7 @@ from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.type_support import Msg
 from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.errors import MbpamError
@@ -102,6 +104,19 @@ class NodeProcesses:
 _SERVICE_TYPES = {TRIGGER: Trigger, SET_BOOL: SetBool}
 
 
+class Service(Protocol):
+    """What is asked of a type of service."""
+
+    Request: ClassVar[Callable[[], Msg]]
+
+
+class Answered(Protocol):
+    """The response of every service that the gripper has."""
+
+    success: bool
+    message: str
+
+
 class Operator:
     """A node of our own beside the running system: it listens, calls services, and waits on predicates.
 
@@ -151,7 +166,9 @@ class Operator:
                 raise NodeSystemError(f"{what}: not within {timeout_s:g} s")
             self.spin()
 
-    def call(self, service_type: type, name: str, request: object = None, timeout_s: float = 10.0) -> object:
+    def call(
+        self, service_type: type[Service], name: str, request: Msg | None = None, timeout_s: float = 10.0
+    ) -> Answered:
         """Call a service and return its response; waits for the server and for a real answer.
 
         Raises:
@@ -163,7 +180,10 @@ class Operator:
         self.wait_for(client.service_is_ready, timeout_s, f"service {name}")
         future = client.call_async(request if request is not None else service_type.Request())
         self.wait_for(future.done, timeout_s, f"answer of {name}")
-        return future.result()
+        answer = future.result()
+        if answer is None:
+            raise NodeSystemError(f"answer of {name}: none came")
+        return answer
 
     def wait_for_nodes(self, names: Sequence[str] = NODES, timeout_s: float = 60.0) -> None:
         """Wait until every node has reported its health."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
-from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
@@ -19,6 +20,9 @@ from mbpam_ros.pneumatics.air_switch import Air, AirSwitch
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.controller import ControllerInputError, PressureController, SetpointError, ValveFault
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
 PARAMETERS = (
     Parameter("gripper", "gripper.yaml", "gripper file: pressure limit and over-pressure"),
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: gains, limits and watchdog of the loops"),
@@ -30,10 +34,10 @@ PARAMETERS = (
 class ValveControllerNode(GripperNode):
     """Adapter around :class:`PressureController` and the :class:`AirSwitch` before it."""
 
-    def __init__(self, **node_options: object) -> None:
+    def __init__(self, **node_options: Unpack[NodeOptions]) -> None:
         super().__init__("valve_controller", PARAMETERS, **node_options)
-        gripper = load_gripper(self.value("gripper"))
-        config = load_pneumatics(self.value("pneumatics")).controller
+        gripper = load_gripper(self.text("gripper"))
+        config = load_pneumatics(self.text("pneumatics")).controller
         try:
             self._controller = PressureController(
                 config, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
@@ -42,7 +46,7 @@ class ValveControllerNode(GripperNode):
             raise ConfigError(f"{self.value('gripper')} against {self.value('pneumatics')}: {error}") from error
         self._hold_time_s = config.hold_time_s
         self._clock_of_pressures = StampClock()
-        self._switch = AirSwitch(self._controller, self.value("enable_at_start"))
+        self._switch = AirSwitch(self._controller, bool(self.value("enable_at_start")))
 
         self._commands = self.create_publisher(JointState, "valve_commands", STREAM)
         self._openings = JointStateForm(CHANNEL_NAMES)
@@ -50,7 +54,7 @@ class ValveControllerNode(GripperNode):
         self.create_subscription(JointState, "pressure_setpoints", self._on_setpoints, STREAM)
         self.create_subscription(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
         self.create_service(SetBool, "valve_controller/enable", self._on_enable)
-        self.create_timer(1.0 / self.value("watchdog_rate_hz"), self._on_silence)
+        self.create_timer(1.0 / self.number("watchdog_rate_hz"), self._on_silence)
 
     def health(self) -> Health:
         """ERROR with the channels at fault; WARN while the air is off."""

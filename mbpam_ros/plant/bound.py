@@ -22,15 +22,20 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 from numpy.typing import NDArray
 
-Block = NDArray[np.uint8] | list[tuple]
+Parts = tuple[Any, ...]
+Block = NDArray[np.uint8] | list[Parts]
 
 _PER_ARRAY, _PER_NUMBER = 5 + 2 * 4, 1
 """The most words of eight bytes that an array, of up to four dimensions, and a number take."""
 
 
-def new_block(parts: tuple) -> Block:
+def new_block(parts: Parts) -> Block:
     """Return a block with room for the parts; without the compiler, with the parts."""
-    return [parts] if config.DISABLE_JIT else np.zeros(8 * _words(parts), np.uint8)
+    return [parts] if _uncompiled() else np.zeros(8 * _words(parts), np.uint8)
+
+
+def _uncompiled() -> bool:
+    return bool(config.DISABLE_JIT)  # type: ignore[attr-defined]  # numba sets it from the environment
 
 
 def _words(part: object) -> int:
@@ -39,21 +44,21 @@ def _words(part: object) -> int:
     return _PER_ARRAY if isinstance(part, np.ndarray) else _PER_NUMBER
 
 
-def access(sample: tuple) -> tuple[Callable[[Block, tuple], None], Callable[[Block], Any]]:
+def access(sample: Parts) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return what compiled code writes tuples of the type of the sample into blocks with, and what it reads them with.
 
     Other types are refused when the code is compiled.
     """
-    if config.DISABLE_JIT:
+    if _uncompiled():
         return _keep, _first
     kind = typeof(sample)
 
     @intrinsic
-    def write(_: object, block: types.Type, parts: types.Type) -> tuple[Signature, Callable] | None:
+    def write(_: object, block: types.Array, parts: types.Type) -> tuple[Signature, Callable[..., Any]] | None:
         if parts != kind:
             return None
 
-        def generate(context: BaseContext, builder: ir.IRBuilder, _: Signature, arguments: tuple) -> ir.Value:
+        def generate(context: BaseContext, builder: ir.IRBuilder, _: Signature, arguments: Parts) -> ir.Value:
             place = _place(context, builder, kind, block, arguments[0])
             context.pack_value(builder, kind, _without_owners(context, builder, kind, arguments[1]), place)
             return context.get_dummy_value()
@@ -61,8 +66,8 @@ def access(sample: tuple) -> tuple[Callable[[Block, tuple], None], Callable[[Blo
         return types.void(block, kind), generate
 
     @intrinsic
-    def read(_: object, block: types.Type) -> tuple[Signature, Callable]:
-        def generate(context: BaseContext, builder: ir.IRBuilder, _: Signature, arguments: tuple) -> ir.Value:
+    def read(_: object, block: types.Array) -> tuple[Signature, Callable[..., Any]]:
+        def generate(context: BaseContext, builder: ir.IRBuilder, _: Signature, arguments: Parts) -> ir.Value:
             return context.unpack_value(builder, kind, _place(context, builder, kind, block, arguments[0]))
 
         return kind(block), generate
@@ -70,11 +75,11 @@ def access(sample: tuple) -> tuple[Callable[[Block, tuple], None], Callable[[Blo
     return write, read
 
 
-def _keep(block: list[tuple], parts: tuple) -> None:
+def _keep(block: list[Parts], parts: Parts) -> None:
     block[0] = parts
 
 
-def _first(block: list[tuple]) -> tuple:
+def _first(block: list[Parts]) -> Parts:
     return block[0]
 
 
@@ -93,7 +98,7 @@ def _without_owners(context: BaseContext, builder: ir.IRBuilder, kind: types.Typ
         array.meminfo = ir.Constant(array.meminfo.type, None)
         array.parent = ir.Constant(array.parent.type, None)
         return array._getvalue()
-    if isinstance(kind, types.BaseTuple):
+    if isinstance(kind, (types.Tuple, types.UniTuple, types.NamedTuple, types.NamedUniTuple)):
         for place, part in enumerate(kind):
             bare = _without_owners(context, builder, part, builder.extract_value(value, place))
             value = builder.insert_value(value, bare, place)

@@ -44,7 +44,7 @@ class Contacts(NamedTuple):
         coordinates: D.
     """
 
-    count: NDArray[np.int64]
+    count: NDArray[np.int64]  # type: ignore[assignment]  # hides tuple.count, which nothing asks for
     depth: Array
     share: Array
     normal: Array
@@ -85,7 +85,7 @@ def contact_force(law: Array, h: float, depth: float, share: float, normal: Arra
     """Write force and torque (6,) on the pushed body for the relative velocity v (6,) after the step; return f."""
     vn = normal[0] * v[0] + normal[1] * v[1] + normal[2] * v[2]
     wn = normal[0] * v[3] + normal[1] * v[4] + normal[2] * v[5]
-    f = max(share * (law[0] * depth - (law[0] * h + law[1]) * vn), 0.0)
+    f: float = max(share * (law[0] * depth - (law[0] * h + law[1]) * vn), 0.0)
     load = share * law[0] * depth
     slip, roll = law[5] * law[5], law[6] * law[6]
     for i in range(3):

@@ -112,7 +112,8 @@ class RodTier(Tier):
     def reset(self) -> None:
         body, state = self._setup.body, self._parts.state
         self._memory[:] = 0.0
-        self._before = self._after = None
+        self._before: Actuation | None = None
+        self._after: Actuation | None = None
         state.orientation[3] = 1.0
         if body is not None:
             state.velocity[self._coordinates :] = *body.velocity_m_s, *body.angular_velocity_rad_s
@@ -175,8 +176,10 @@ class RodTier(Tier):
 
     def body_state(self) -> BodyState | None:
         """Return copies of where the object is and how it moves; none without one."""
-        if self._setup.body is None:
-            return None
+        return None if self._setup.body is None else self.object_state()
+
+    def object_state(self) -> BodyState:
+        """Return what :meth:`body_state` does, of a tier with an object."""
         velocity, fingers = self._parts.state.velocity, self._coordinates
         turning = velocity[fingers + 3 :].copy()
         return BodyState(

@@ -375,7 +375,7 @@ def _touch(state: State, system: System, lift: float, hand_velocity: float, work
         system.bases, system.rod, work.motion, system.surroundings, state.position, work.rotation, lift, hand_velocity,
         work.spots, work.room_of_lines, contacts,
     )  # fmt: skip
-    touching = contacts.count[0] > 0
+    touching: bool = contacts.count[0] > 0
     for i in range(state.velocity.shape[0]):
         first[i] = i // coordinates * coordinates if i < muscles else (0 if touching else muscles)
     for c in range(contacts.count[0]):

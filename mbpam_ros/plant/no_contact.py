@@ -28,9 +28,11 @@ class NoContact(Tier):
         )
         self._inner = build_tier(name, alone)
         body = setup.body
-        self._body = body and BodyState(
-            np.array(body.position_m, float), np.array(body.orientation_xyzw, float), np.zeros(3), np.zeros(3)
-        )
+        self._body: BodyState | None = None
+        if body is not None:
+            self._body = BodyState(
+                np.array(body.position_m, float), np.array(body.orientation_xyzw, float), np.zeros(3), np.zeros(3)
+            )
 
     def reset(self) -> None:
         self._inner.reset()

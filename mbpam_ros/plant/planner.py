@@ -328,7 +328,7 @@ def _reason(part: str, chosen: Fidelity, candidates: dict[Fidelity, Expected], f
     for value in others:
         rivals = {each: expected for each, expected in candidates.items() if getattr(each, part) == value}
         expected = rivals[_best(rivals)]
-        name = f"{1e3 * value:g} ms" if part == "step_s" else str(value)
+        name = f"{1e3 * value:g} ms" if isinstance(value, float) else str(value)
         told.append(f"not {name}: {expected}{', too far off' if expected.excess > 1.0 else ''}")
     return tuple(told)
 

@@ -109,7 +109,7 @@ def build_plant(
         chambers=build_pneumatics(scene.config.pneumatics or pneumatics.model, pneumatics.chamber),
         pneumatics=pneumatics,
         lift=HandLift(scene.config.lift),
-        sub_step_s=scene.config.sub_step_s,
+        sub_step_s=scene.config.planned_sub_step_s,
         seed=seed,
     )
 
@@ -258,7 +258,7 @@ def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetu
         geometry=gripper.geometry,
         finger_base_m=gripper.finger_base_m,
         gravity_m_s2=scene.config.gravity_m_s2,
-        sub_step_s=scene.config.sub_step_s,
+        sub_step_s=scene.config.planned_sub_step_s,
         body=body,
         planes_m=planes,
         config=config,

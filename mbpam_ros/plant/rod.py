@@ -102,7 +102,7 @@ def build_rod(geometry: MuscleGeometry, modes: int, segments: int, balls: int) -
     ball_at = np.linspace(0.0, geometry.length_m - geometry.outer_radius_m, balls)
     return Rod(
         bends=np.ascontiguousarray(bends),
-        springs=1.0 / (geometry.active_length_m * (2.0 * np.arange(modes) + 1.0)),
+        springs=1.0 / (geometry.active_length_m * (2.0 * np.arange(modes, dtype=np.float64) + 1.0)),
         inertia=inertia,
         levers=levers,
         balls=position_weights(geometry, segments, ball_at),
@@ -160,7 +160,8 @@ def _lobatto_points(segments: int) -> Array:
 
 def _lagrange_coefficients(segments: int) -> Array:
     """Legendre coefficients of the polynomials that are 1 at one Lobatto point and 0 at the others, in columns."""
-    return np.linalg.inv(legendre.legvander(_lobatto_points(segments), segments))
+    inverse = np.linalg.inv(legendre.legvander(_lobatto_points(segments), segments))
+    return inverse.astype(np.float64, copy=False)
 
 
 @njit

@@ -83,7 +83,7 @@ class SupportConfig:
     @property
     def planes_m(self) -> NDArray[np.float64]:
         """Rows (depth, half size x, half size y) of the level planes, uppermost first, the table (endless) last."""
-        if self.half_size_m is None:
+        if self.half_size_m is None or self.stand_height_m is None:
             return np.array([[self.depth_m, np.inf, np.inf]])
         return np.array([[self.depth_m, *self.half_size_m], [self.depth_m + self.stand_height_m, np.inf, np.inf]])
 
@@ -148,6 +148,17 @@ class SceneConfig:
             raise ValueError(f"friction_coefficient must not be negative, found {self.friction_coefficient}")
         if self.contact_stiffness_n_m is not None:
             require_positive(self, "contact_stiffness_n_m")
+
+    @property
+    def planned_sub_step_s(self) -> float:
+        """The step of the computation, once there is one.
+
+        Raises:
+            ConfigError: nobody has planned this scene yet.
+        """
+        if self.sub_step_s is None:
+            raise ConfigError(f"tier {self.tier} has not been planned: sub_step_s is not known")
+        return self.sub_step_s
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mbpam_ros.plant.moving import RodTier
-from mbpam_ros.plant.tiers import Actuation, Array, RigidBody, Tier, TierSetup, TierState
+from mbpam_ros.plant.tiers import Actuation, Array, RigidBody, Tier, TierError, TierSetup, TierState
 
 LEAST_GAP_M = 0.004
 """Nearer than this counts as within reach: points of a centre line are 10 mm apart."""
@@ -40,7 +40,9 @@ class SteppingTier(Tier):
     """
 
     def __init__(self, setup: TierSetup) -> None:
-        self._setup = setup
+        if setup.body is None:
+            raise TierError("stepping between tiers is for a scene with an object")
+        self._setup, self._body = setup, setup.body
         self._air = RodTier(dataclasses.replace(setup, body=None, modes=setup.air_modes))
         self._contact = RodTier(setup)
         self.reset()
@@ -93,7 +95,8 @@ class SteppingTier(Tier):
 
     def _reach_m(self, duration_s: float, hand_velocity_m_s: Array) -> float:
         """How near the object may be for the muscles not to touch it within the step, even at twice their speed."""
-        speed_m_s = self._setup.geometry.length_m * self._active.largest_rate_rad_s() + np.abs(hand_velocity_m_s).max()
+        hand_m_s = float(np.abs(hand_velocity_m_s).max())
+        speed_m_s = self._setup.geometry.length_m * self._active.largest_rate_rad_s() + hand_m_s
         return LEAST_GAP_M + 2.0 * speed_m_s * duration_s
 
     def _change(self, tier: RodTier, gap_m: float, lines: Array) -> None:
@@ -110,32 +113,34 @@ class SteppingTier(Tier):
         self._active = tier
 
     def _object_rests(self) -> bool:
-        seen = self._contact.state()
-        weight_n = self._setup.body.mass_kg * self._setup.gravity_m_s2
+        body, support_force_n = self._contact.object_state(), self._contact.state().support_force_n
+        weight_n = self._body.mass_kg * self._setup.gravity_m_s2
         return bool(
-            np.linalg.norm(seen.body.velocity_m_s) < _REST_M_S
-            and np.linalg.norm(seen.body.angular_velocity_rad_s) < _REST_RAD_S
-            and abs(seen.support_force_n[2] + weight_n) < 0.01 * weight_n
+            np.linalg.norm(body.velocity_m_s) < _REST_M_S
+            and np.linalg.norm(body.angular_velocity_rad_s) < _REST_RAD_S
+            and abs(support_force_n[2] + weight_n) < 0.01 * weight_n
         )
 
     def _object_place(self) -> tuple[Array, Array]:
         """Axes, in columns, and centre of the object in the world, shapes (3, 3) and (3,)."""
-        body = self._contact.body_state()
+        body = self._contact.object_state()
         return Rotation.from_quat(body.orientation_xyzw).as_matrix(), body.position_m
 
     def _gap_m(self, lines_m: Array, hand_height_m: float) -> float:
         """Smallest distance of the muscles' surface from the object's; not right where they overlap, but negative."""
         centre = self._centre_m + (0.0, 0.0, hand_height_m)  # in gripper_base
         points = (lines_m.reshape(-1, 3) - centre) @ self._turn
-        return float(outside_distance_m(self._setup.body, points).min()) - self._setup.geometry.outer_radius_m
+        return float(outside_distance_m(self._body, points).min()) - self._setup.geometry.outer_radius_m
 
 
 def outside_distance_m(body: RigidBody, points_m: Array) -> Array:
     """Return the distances (n,) of points (n, 3) in the body's frame from its surface; 0 inside."""
     half = 0.5 * np.array(body.size_m)
     if body.shape == "sphere":
-        return np.maximum(np.linalg.norm(points_m, axis=1) - half[0], 0.0)
-    if body.shape == "cylinder":
+        distance: Array = np.maximum(np.linalg.norm(points_m, axis=1) - half[0], 0.0)
+    elif body.shape == "cylinder":
         aside = np.hypot(points_m[:, 0], points_m[:, 1]) - half[0]
-        return np.hypot(np.maximum(aside, 0.0), np.maximum(np.abs(points_m[:, 2]) - half[2], 0.0))
-    return np.linalg.norm(np.maximum(np.abs(points_m) - half, 0.0), axis=1)
+        distance = np.hypot(np.maximum(aside, 0.0), np.maximum(np.abs(points_m[:, 2]) - half[2], 0.0))
+    else:
+        distance = np.linalg.norm(np.maximum(np.abs(points_m) - half, 0.0), axis=1)
+    return distance

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -200,8 +201,11 @@ def build_tier(name: str, setup: TierSetup) -> Tier:
     if setup.air_modes is not None and (name != "rod" or setup.body is None):
         raise TierError(f"air_modes are for the tier 'rod' with an object, found tier {name!r}: leave them out")
     if not setup.contact:
-        return importlib.import_module("mbpam_ros.plant.no_contact").NoContact(name, setup)
+        free: Tier = importlib.import_module("mbpam_ros.plant.no_contact").NoContact(name, setup)
+        return free
     if setup.moving_fingers is not None:
-        return importlib.import_module("mbpam_ros.plant.some_fingers").SomeFingers(name, setup)
+        some: Tier = importlib.import_module("mbpam_ros.plant.some_fingers").SomeFingers(name, setup)
+        return some
     module, tier = _TIERS[name] if setup.air_modes is None else _STEPPING
-    return getattr(importlib.import_module(module), tier)(setup)
+    build: Callable[[TierSetup], Tier] = getattr(importlib.import_module(module), tier)
+    return build(setup)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import importlib
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -185,7 +186,8 @@ class LagChambers(PneumaticModel):
         end = np.where(opening_time_s > 0.0, self._config.supply_gauge_pa, 0.0)
         decay = np.exp(-np.abs(opening_time_s) / self._config.lag_time_constant_s)
         moved = end + (self._pressure - end) * decay
-        return np.minimum(np.maximum(moved, 0.0), self._config.supply_gauge_pa)
+        within: Vector = np.minimum(np.maximum(moved, 0.0), self._config.supply_gauge_pa)
+        return within
 
 
 _MODELS = {
@@ -210,7 +212,8 @@ def build_pneumatics(name: str, config: ChamberConfig) -> PneumaticModel:
     if name not in _MODELS:
         raise PneumaticsInputError(f"no pneumatic model {name!r}; known: {', '.join(_MODELS)}")
     module, model = _MODELS[name]
-    return getattr(importlib.import_module(module), model)(config)
+    build: Callable[[ChamberConfig], PneumaticModel] = getattr(importlib.import_module(module), model)
+    return build(config)
 
 
 def _require_within(values: Vector, low: float, high: float, what: str) -> None:

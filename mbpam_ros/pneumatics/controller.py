@@ -318,9 +318,9 @@ class PressureController:
             raise SetpointError(f"set-points must have shape ({CHANNEL_COUNT},), found {setpoint.shape}")
         low, high = self._config.minimum_setpoint_gauge_pa, self._limit
         accepted = (setpoint == 0.0) | ((setpoint >= low) & (setpoint <= high))  # False for NaN
-        for channel in np.flatnonzero(~accepted):
+        for refused in np.flatnonzero(~accepted):
             raise SetpointError(
-                f"set-point of {CHANNEL_NAMES[channel]} is {setpoint[channel]:g} Pa gauge; "
+                f"set-point of {CHANNEL_NAMES[refused]} is {setpoint[refused]:g} Pa gauge; "
                 f"accepted: 0 or {low:g} to {high:g} Pa"
             )
         if self._vented and setpoint.any():

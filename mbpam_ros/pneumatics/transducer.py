@@ -48,7 +48,8 @@ class TransducerConfig:
     @property
     def resolution_v(self) -> float:
         """Volts of one count of the converter."""
-        return self.adc_reference_v / 2**self.adc_bits
+        resolution_v: float = self.adc_reference_v / 2**self.adc_bits
+        return resolution_v
 
 
 class Transducer:
@@ -77,4 +78,5 @@ class Transducer:
         volts = config.zero_v + pressure / config.gain_pa_v
         volts += config.noise_v * self._random.standard_normal(self._channels)
         counts = np.rint(volts / config.resolution_v)
-        return np.minimum(np.maximum(counts, 0.0), 2**config.adc_bits - 1) * config.resolution_v
+        shown: NDArray[np.float64] = np.minimum(np.maximum(counts, 0.0), 2**config.adc_bits - 1)
+        return shown * config.resolution_v

@@ -5,12 +5,18 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.errors import MbpamError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
 
 
 class ReportError(MbpamError, RuntimeError):
@@ -55,7 +61,7 @@ INFLATED_PA = 2000.0
 VIEW_HALF_WIDTH_MM = 130.0
 
 
-def figure_class() -> type:
+def figure_class() -> type[Figure]:
     """Return matplotlib's figure.
 
     Raises:
@@ -76,7 +82,7 @@ def draw_report(record: GraspRecord, path: Path) -> None:
     """
     figure = figure_class()(figsize=(14.0, 9.0), layout="constrained")
     figure.suptitle(record.title, fontsize=14, fontweight="bold")
-    above, below = figure.subfigures(2, 1, height_ratios=(1.25, 1.0))
+    (above,), (below,) = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.25, 1.0))
     overlay, front, side = above.subplots(1, 3, width_ratios=(1.5, 1.0, 1.0))
     _draw_overlay(overlay, record)
     _draw_shapes(front, record, horizontal=0, title="Front (XZ)")
@@ -93,15 +99,16 @@ def draw_report(record: GraspRecord, path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _draw_overlay(axis: object, record: GraspRecord) -> None:
+def _draw_overlay(axis: Axes, record: GraspRecord) -> None:
     axis.set_title("Camera and detection")
     axis.set_axis_off()
     if record.overlay_jpeg:
         image = cv2.imdecode(np.frombuffer(record.overlay_jpeg, np.uint8), cv2.IMREAD_COLOR)
-        axis.imshow(image[:, :, ::-1])
+        if image is not None:
+            axis.imshow(image[:, :, ::-1])
 
 
-def _draw_shapes(axis: object, record: GraspRecord, horizontal: int, title: str) -> None:
+def _draw_shapes(axis: Axes, record: GraspRecord, horizontal: int, title: str) -> None:
     """Fingers before (pale) and after the lift, object in outline; millimetres, up is up.
 
     Lines are thinner than the muscles, so that all four can be seen.
@@ -132,7 +139,7 @@ def _extent(record: GraspRecord, axis: int) -> float:
 
 
 def _draw_object(
-    axis: object,
+    axis: Axes,
     record: GraspRecord,
     centre_mm: tuple[float, float],
     half_mm: tuple[float, float],
@@ -143,6 +150,7 @@ def _draw_object(
     from matplotlib.patches import Ellipse, Rectangle
 
     round_outline = record.object_shape == "sphere" or (record.object_shape == "cylinder" and horizontal == 0)
+    patch: Patch
     if round_outline:
         patch = Ellipse(centre_mm, 2.0 * half_mm[0], 2.0 * half_mm[1])
     else:
@@ -153,7 +161,7 @@ def _draw_object(
     axis.annotate(name, centre_mm, ha="center", va="center", fontsize=7)
 
 
-def _draw_pressures(axis: object, record: GraspRecord) -> None:
+def _draw_pressures(axis: Axes, record: GraspRecord) -> None:
     axis.set_title("Measured pressures of the inflated chambers")
     axis.set_ylabel("gauge pressure [kPa]")
     pressure = np.array(record.pressure_gauge_pa).reshape(-1, 16)
@@ -172,7 +180,7 @@ def _draw_pressures(axis: object, record: GraspRecord) -> None:
         axis.legend(fontsize=7, ncols=2)
 
 
-def _draw_bends(axis: object, record: GraspRecord) -> None:
+def _draw_bends(axis: Axes, record: GraspRecord) -> None:
     axis.set_title("Estimated free bend (from pressures)")
     axis.set_ylabel("bend angle [deg]")
     bend = np.array(record.bend_rad).reshape(-1, 4, 2)
@@ -182,7 +190,7 @@ def _draw_bends(axis: object, record: GraspRecord) -> None:
     axis.legend(fontsize=7)
 
 
-def _draw_rise(axis: object, record: GraspRecord) -> None:
+def _draw_rise(axis: Axes, record: GraspRecord) -> None:
     axis.set_title("True rise of hand and object")
     axis.set_ylabel("rise [mm]")
     axis.plot(record.object_time_s, 1e3 * np.array(record.palm_rise_m), "k--", lw=1.2, label="hand")
@@ -190,9 +198,17 @@ def _draw_rise(axis: object, record: GraspRecord) -> None:
     axis.legend(fontsize=7)
 
 
-def _mark_events(axis: object, record: GraspRecord) -> None:
+def _mark_events(axis: Axes, record: GraspRecord) -> None:
     # Alternating heights keep the names of events that follow each other closely apart.
     for (name, time_s), height in zip(record.events.items(), itertools.cycle((0.35, 0.65)), strict=False):
         axis.axvline(time_s, color="grey", lw=0.7, ls=":")
-        where = {"xycoords": ("data", "axes fraction"), "rotation": 90, "va": "center", "ha": "right"}
-        axis.annotate(name, (time_s, height), fontsize=7, color="dimgrey", **where)
+        axis.annotate(
+            name,
+            (time_s, height),
+            xycoords=("data", "axes fraction"),
+            rotation=90,
+            va="center",
+            ha="right",
+            fontsize=7,
+            color="dimgrey",
+        )

@@ -192,7 +192,7 @@ class ObjectDetector:
             raise ImageError(f"support_depth_m must lie below the camera, found {support_depth_m}")
         lens = _lens(distortion)
         if lens is not None:
-            grey_or_rgb = cv2.undistort(grey_or_rgb, intrinsics.matrix, lens)
+            grey_or_rgb = cv2.undistort(grey_or_rgb, intrinsics.matrix, lens).astype(np.uint8, copy=False)
         view = self._view(intrinsics)
         fingers = self._open_fingers
         if finger_centrelines_m is not None:
@@ -250,7 +250,8 @@ def _lens(distortion: ArrayLike | None) -> NDArray[np.float64] | None:
 def _distorted(pixels: NDArray, intrinsics: Intrinsics, lens: NDArray) -> NDArray[np.float64]:
     k = intrinsics
     rays = np.column_stack([(pixels - (k.cx, k.cy)) / (k.fx, k.fy), np.ones(len(pixels))])
-    return cv2.projectPoints(rays, np.zeros(3), np.zeros(3), k.matrix, lens)[0].reshape(-1, 2)
+    seen, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), k.matrix, lens)
+    return seen.reshape(-1, 2).astype(np.float64, copy=False)
 
 
 def _straight_fingers(gripper: Gripper) -> NDArray[np.float64]:
@@ -273,7 +274,8 @@ class _View:
         k = camera.intrinsics
         v, u = np.mgrid[0 : k.height_px : _COARSE, 0 : k.width_px : _COARSE]
         rays = camera.rays(np.stack([u, v], axis=-1) + 0.5 * (_COARSE - 1)).astype(np.float32)
-        self._rays = tuple(np.ascontiguousarray(rays[..., i]) for i in range(3))
+        x, y, z = (np.ascontiguousarray(rays[..., i]) for i in range(3))
+        self._rays = x, y, z
         self._fingers: NDArray[np.float64] | None = None
         self._hidden = np.zeros(self._rays[0].shape, dtype=np.uint8)
 
@@ -285,9 +287,9 @@ class _View:
             hidden = np.zeros(self._hidden.shape, dtype=bool)
             for line in (chords(line, _SAG_M) for line in fingers_m):
                 for start, end in zip(line[:-1], line[1:], strict=True):
-                    origin = (self.camera.position_m - start).astype(np.float32)
+                    x, y, z = (self.camera.position_m - start).astype(np.float32)
                     hidden |= np.isfinite(
-                        hit_capsule(tuple(origin), self._rays, (end - start).astype(np.float32), radius_m)
+                        hit_capsule((x, y, z), self._rays, (end - start).astype(np.float32), radius_m)
                     )
             self._fingers, self._hidden = np.array(fingers_m), hidden.astype(np.uint8)
         return self._hidden
@@ -311,7 +313,9 @@ class _Search:
         wide = cv2.dilate(hidden, np.ones((5, 5), np.uint8))
         full_hidden = cv2.resize(wide, (k.width_px, k.height_px), interpolation=cv2.INTER_NEAREST)
         smooth = cv2.GaussianBlur(image, (3, 3), 0.8).astype(np.float32)
-        self._fit = SilhouetteFit(camera, support_depth_m, smooth, full_hidden, config.edge_levels)
+        self._fit = SilhouetteFit(
+            camera, support_depth_m, smooth, full_hidden.astype(np.uint8, copy=False), config.edge_levels
+        )
         self._min_area = config.segmentation.min_area_px / _COARSE**2
         # Contour pixels beside a finger or at the image's border are not the object's outline.
         self._unsure = cv2.dilate(hidden, np.ones((5, 5), np.uint8))

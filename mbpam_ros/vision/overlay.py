@@ -34,12 +34,13 @@ def draw_overlay(image: NDArray[np.uint8], encoding: str, detections: Iterable[D
         canvas = image.copy()
     else:
         raise ImageError(f"encoding {encoding!r} is not one of rgb8, bgr8, mono8")
+    drawing = canvas.astype(np.uint8, copy=False)
     detections = list(detections)
     for detection in detections:
-        _draw_outline(canvas, detection)
+        _draw_outline(drawing, detection)
     for detection in detections:
-        _draw_caption(canvas, detection)
-    return canvas
+        _draw_caption(drawing, detection)
+    return drawing
 
 
 def describe_size(detection: Detection) -> str:

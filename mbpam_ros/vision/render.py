@@ -155,12 +155,12 @@ class Renderer:
             for line in np.asarray(view.finger_centrelines_m, dtype=float):
                 self._draw_finger(image, distance, line, view)
         if self._blur_sigma_px > 0.0:
-            image = cv2.GaussianBlur(image, (5, 5), self._blur_sigma_px)
+            image = cv2.GaussianBlur(image, (5, 5), self._blur_sigma_px).astype(np.float32, copy=False)
         if rng is not None:
             levels, start = image.reshape(-1), int(rng.integers(self._noise.size))
             levels[start:] += self._noise[: self._noise.size - start]
             levels[:start] += self._noise[self._noise.size - start :]
-        return cv2.convertScaleAbs(np.maximum(image, 0.0, out=image))
+        return cv2.convertScaleAbs(np.maximum(image, 0.0, out=image)).astype(np.uint8, copy=False)
 
     # -- background ---------------------------------------------------------------------------------------------
 

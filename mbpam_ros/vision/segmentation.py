@@ -84,7 +84,8 @@ def table_surface(image: NDArray[np.float32], known: NDArray[np.bool_]) -> tuple
         coefficients[columns] = np.linalg.solve(basis.T @ basis + ridge, basis.T @ levels)
         noise = 1.4826 * float(np.median(np.abs(levels - basis @ coefficients[columns])))
     small = (grid @ coefficients).reshape(-(-height // _GRID), -(-width // _GRID), channels)
-    return cv2.remap(small, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(image.shape), noise
+    u, v = maps
+    return cv2.remap(small, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(image.shape), noise
 
 
 @lru_cache(maxsize=4)

@@ -281,7 +281,7 @@ class _Controls:
 
 def _hull(points: NDArray) -> NDArray[np.intp]:
     """Indices of the convex hull's corners, in an order that keeps the inside to the left of :func:`_line_distance`."""
-    order = cv2.convexHull(points.astype(np.float32), clockwise=False, returnPoints=False).ravel()
+    order = cv2.convexHull(points.astype(np.float32), clockwise=False, returnPoints=False).ravel().astype(np.intp)
     if len(order) < 3:
         raise FitError("degenerate silhouette")
     x, y = points[order].T

@@ -30,8 +30,8 @@ from mbpam_ros.actuator.metamodel import (
     TRAINING_TABLE,
     TRENDS,
     VALIDATION_TABLE,
-    MetamodelError,
 )
+from mbpam_ros.actuator.sample_check import MetamodelError
 from mbpam_ros.actuator.tables import read_labelled_columns
 from mbpam_ros.configuration import ConfigError, config_path
 from mbpam_ros.study.announcement import announce
@@ -123,9 +123,9 @@ def table_text(table: dict[str, dict[str, Judged]], published: dict[tuple[str, s
         lines.append(f"held back: {way} ({', '.join(names)})")
     for name, judged in table.items():
         lines += [
-            f"  {name:<14}{key:<10} {judged[key].coverage.text()}"
+            f"  {name:<14}{key:<10} {coverage.text()}"
             for key in RESPONSES
-            if judged[key].coverage is not None
+            if (coverage := judged[key].coverage) is not None
         ]
     lines += ["fitted"]
     for name, judged in table.items():
@@ -168,10 +168,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.picture is not None:
             draw_comparison(table, validation or training, options.picture)
         if options.map is not None:
-            found = uncertainty_map(training, uncertain_kriging(training, options.trend, options.correlation))
+            drawn = uncertainty_map(training, uncertain_kriging(training, options.trend, options.correlation))
             for key in RESPONSES:
-                print(f"map of kriging's sigma of {key}: {found.coverage[key].text()}")
-            draw_uncertainty(found, training, options.map)
+                print(f"map of kriging's sigma of {key}: {drawn.coverage[key].text()}")
+            draw_uncertainty(drawn, training, options.map)
     except (ConfigError, DesignDomainError, MetamodelError, JudgingError, PictureError, ResultFileError) as error:
         print(f"compare_metamodels: {error}", file=sys.stderr)
         return 1

@@ -81,7 +81,11 @@ def judge(make: Callable[[], Metamodel], training: Samples, validation: Samples 
         model = make().fit(training.design_mm, response)
         fit_s = time.perf_counter() - start
         if len(response) <= _FEW_SAMPLES:
-            fit_s = _median_s(lambda response=response: make().fit(training.design_mm, response), 3)
+
+            def refit(response: NDArray[np.float64] = response) -> Metamodel:
+                return make().fit(training.design_mm, response)
+
+            fit_s = _median_s(refit, 3)
         if validation is None:
             left_out = model.leave_one_out()
             predicted, sigma, how, expected = left_out.predicted, left_out.sigma, left_out.how, response

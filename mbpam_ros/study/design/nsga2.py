@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mbpam_ros.study.design.evaluations import Evaluations, OptimisationError
 
 POPULATION = 100
@@ -28,7 +31,7 @@ def nsga2(evaluations: Evaluations, seed: int, population: int = POPULATION, gen
         def __init__(self) -> None:
             super().__init__(n_var=2, n_obj=2, xl=0.0, xu=1.0)
 
-        def _evaluate(self, x: object, out: dict, *args: object, **kwargs: object) -> None:
+        def _evaluate(self, x: NDArray[np.float64], out: dict, *args: object, **kwargs: object) -> None:
             out["F"] = -evaluations(x)
 
     minimize(UnitSquare(), NSGA2(pop_size=population), ("n_gen", generations), seed=seed, verbose=False)

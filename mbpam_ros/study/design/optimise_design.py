@@ -17,11 +17,13 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mbpam_ros.actuator.design import INITIAL_DESIGN, DesignDomainError
-from mbpam_ros.actuator.metamodel import METAMODELS, REFITTED_SAMPLES, TRAINING_TABLE, VALIDATION_TABLE, MetamodelError
+from mbpam_ros.actuator.metamodel import METAMODELS, REFITTED_SAMPLES, TRAINING_TABLE, VALIDATION_TABLE
+from mbpam_ros.actuator.sample_check import MetamodelError
 from mbpam_ros.actuator.tables import read_table
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.study.announcement import announce
@@ -93,7 +95,7 @@ def gains_by_metamodel(
     Raises:
         DesignDomainError, MetamodelError: the samples do not determine a metamodel.
     """
-    found = {}
+    found: dict[str, dict[str, float | None]] = {}
     for name in METAMODELS:
         responses = fitted_responses(name, samples)
         found[name] = asdict(gains(grid_front(responses.objectives, responses.domain, 201), initial))
@@ -111,7 +113,7 @@ def expected_s(samples: int, runs: int, with_gains: bool) -> float:
 
 def result_json(
     name: str, runs: Sequence[Run], initial: Reference | None, rule_name: str, chosen: int
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Return the results as plain values; ``chosen`` is an index in the first run's front.
 
     Keys: ``pareto`` (rows a_mm, b_mm, theta_deg, f_n), ``gain_force_at_equal_angle_pct``,
@@ -210,7 +212,8 @@ def _run(options: argparse.Namespace) -> None:
     initial = None
     if with_initial:
         known = [samples, Samples.of_the_paper(VALIDATION_TABLE)] if of_the_paper else [samples]
-        initial = reference_design(*(options.initial or astuple(INITIAL_DESIGN)), known, responses)
+        a_mm, b_mm = options.initial or astuple(INITIAL_DESIGN)
+        initial = reference_design(a_mm, b_mm, known, responses)
     truth = grid_front(responses.objectives, responses.domain, _GRID)
     rule(truth)  # refuses a force that no design has before anything is optimised
     job_ended("front of the grid")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.design import PAPER_DOMAIN, DesignDomain
-from mbpam_ros.actuator.metamodel import METAMODELS
+from mbpam_ros.actuator.metamodel import METAMODELS, metamodel_name
 from mbpam_ros.actuator.tables import read_table
 from mbpam_ros.study.design.pareto import Objectives
 from mbpam_ros.study.design.samples import Samples
@@ -38,7 +38,8 @@ def fitted_responses(name: str, samples: Samples) -> Responses:
     """
     domain = samples.domain()
     models = [
-        METAMODELS[name](domain=domain).fit(samples.design_mm, samples.responses[key]) for key in samples.responses
+        METAMODELS[metamodel_name(name)](domain=domain).fit(samples.design_mm, samples.responses[key])
+        for key in samples.responses
     ]
     return Responses(lambda design_mm: np.column_stack([model.predict(design_mm) for model in models]), domain)
 

@@ -67,7 +67,8 @@ def left_out(
     for key, model in kriging.items():
         without = model.leave_one_out()
         errors[key] = without.predicted - samples.responses[key]
-        coverage[key] = Coverage.of(errors[key], without.sigma, f"left out in turn, {without.how}")
+        if without.sigma is not None:
+            coverage[key] = Coverage.of(errors[key], without.sigma, f"left out in turn, {without.how}")
     return errors, coverage
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -109,7 +110,7 @@ class Run:
         return upright_tip_angle_rad(law, self.geometry, self.end_length_mm, self.end_weight_factor)
 
 
-def nominal_values(run: Run, end_weight_factors: Sequence[float] = ()) -> dict[str, object]:
+def nominal_values(run: Run, end_weight_factors: Sequence[float] = ()) -> dict[str, Any]:
     """Return what one design does at 100 kPa.
 
     Bend [deg] without and with weight, held-straight moment, blocked force, clearance of the freely bent cell. The

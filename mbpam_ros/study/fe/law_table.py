@@ -36,20 +36,20 @@ def law_at_pressure(run: Run, pressure_kpa: float, bends_deg: Sequence[float]) -
             except LoadStepError as error:
                 missing.append({"bend_deg": bend, "reason": str(error)})
                 break
-    moment, bend = law.moment_n_mm, law.bend_rad
-    slope, offset = np.polyfit(bend, moment, 1) if bend.size > 1 else (math.nan, moment[0])
-    straight = float(np.interp(0.0, bend, moment))
+    moment, bend_rad = law.moment_n_mm, law.bend_rad
+    slope, offset = np.polyfit(bend_rad, moment, 1) if bend_rad.size > 1 else (math.nan, moment[0])
+    straight = float(np.interp(0.0, bend_rad, moment))
     return {
         "pattern": run.pattern,
         "p_kpa": float(pressure_kpa),
-        "bend_deg": np.degrees(bend).round(9).tolist(),
+        "bend_deg": np.degrees(bend_rad).round(9).tolist(),
         "moment_n_mm": moment.tolist(),
         "axis_stretch": law.axis_stretch.tolist(),
         "gas_volume_mm3": law.gas_volume_mm3.tolist(),
         "straight_moment_n_mm": -straight,
         "line_stiffness_n_mm2": float(slope) * run.geometry.active_length_mm,
         "line_moment_n_mm": -float(offset),
-        "line_rms_n_mm": float(np.sqrt(np.mean((slope * bend + offset - moment) ** 2))),
+        "line_rms_n_mm": float(np.sqrt(np.mean((slope * bend_rad + offset - moment) ** 2))),
         "missing": missing,
     }
 

@@ -20,6 +20,7 @@ half of chamber 1, all of chamber 2 and half of chamber 3 are in it (4 is the im
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -390,7 +391,7 @@ def numbered_section(
     )
 
 
-def _elements(ids: NDArray[np.int64], offsets: list[tuple[int, ...]], order: int) -> NDArray[np.int64]:
+def _elements(ids: NDArray[np.int64], offsets: Sequence[tuple[int, ...]], order: int) -> NDArray[np.int64]:
     """Node numbers of all elements of a block of nodes, shape (elements, len(offsets))."""
     counts = [(size - 1) // order for size in ids.shape]
     columns = []

@@ -85,7 +85,7 @@ def error_summary(rows: Iterable[dict]) -> dict[str, dict[str, float]]:
     for row in rows:
         table = row["source"].split(":")[0]
         groups.setdefault("tables_1_2" if table in ("table_1", "table_2") else table, []).append(row)
-    summary = {}
+    summary: dict[str, dict[str, float]] = {}
     for name, members in groups.items():
         summary[name] = {"points": len(members)}
         for key in ("theta", "force"):

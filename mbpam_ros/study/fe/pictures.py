@@ -5,12 +5,17 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.fe.muscle_shape import MuscleShape
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 PATTERN_COLOURS = {"pdc": "#1f77b4", "psc": "#d62728"}
 PATTERN_NAMES = {"pdc": "two chambers (PDC)", "psc": "one chamber (PSC)"}
@@ -111,8 +116,8 @@ def draw_curves(curves: Sequence[dict], references: Sequence[tuple[str, float, f
         axis.plot(curve["p_kpa"], curve["theta_deg"], "o-", color=colour, ms=3.5, label=name)
     markers = iter("x*+^v")
     for pattern, pressure_kpa, theta_deg, label in references:
-        style = {"color": PATTERN_COLOURS[pattern], "linestyle": "none", "ms": 10, "mew": 1.8}
-        axis.plot(pressure_kpa, theta_deg, next(markers), label=f"{label}: {theta_deg:.0f} deg", **style)
+        colour, label = PATTERN_COLOURS[pattern], f"{label}: {theta_deg:.0f} deg"
+        axis.plot(pressure_kpa, theta_deg, next(markers), label=label, color=colour, linestyle="none", ms=10, mew=1.8)
     axis.set_xlabel("gauge pressure [kPa]")
     axis.set_ylabel("bend of the upright muscle [deg]")
     axis.set_title("Bend against pressure in the paper's posture")
@@ -212,8 +217,8 @@ def draw_ablations(variants: Sequence[dict], path: Path) -> None:
     place = np.arange(len(variants))[::-1]
     axis.barh(place + 0.2, [v["theta_rms_pct"] for v in variants], 0.38, color="#1f77b4", label="bend, rms")
     axis.barh(place - 0.2, [v["force_rms_pct"] for v in variants], 0.38, color="#ff7f0e", label="force, rms")
-    mean = {"ms": 6, "color": "black", "mec": "white", "label": "bend, mean error"}
-    axis.plot([v["theta_mean_pct"] for v in variants], place + 0.2, "D", **mean)
+    means = [v["theta_mean_pct"] for v in variants]
+    axis.plot(means, place + 0.2, "D", ms=6, color="black", mec="white", label="bend, mean error")
     axis.axvline(0.0, color="black", lw=0.8)
     most = max(v["points"] for v in variants)
     names = [v["name"] + (f" ({v['points']} of {most} points)" if v["points"] < most else "") for v in variants]
@@ -225,35 +230,36 @@ def draw_ablations(variants: Sequence[dict], path: Path) -> None:
     figure.savefig(path, dpi=_DPI)
 
 
-def _figure(width: float, height: float) -> object:
+def _figure(width: float, height: float) -> Figure:
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _draw_section(axis: object, faces: NDArray[np.float64], colour: str | None) -> None:
+def _draw_section(axis: Axes, faces: NDArray[np.float64], colour: str | None) -> None:
     from matplotlib.collections import PolyCollection
 
     face_colour = (colour, 0.45) if colour else "0.85"
-    lines = {"edgecolors": "0.25", "linewidths": 0.4, "snap": False}
-    axis.add_collection(PolyCollection(list(faces), facecolors=[face_colour], **lines))
+    axis.add_collection(
+        PolyCollection(list(faces), facecolors=[face_colour], edgecolors="0.25", linewidths=0.4, snap=False)
+    )
     axis.set_aspect("equal")
     axis.autoscale_view()
 
 
-def _draw_circle(axis: object, radius_mm: float) -> None:
+def _draw_circle(axis: Axes, radius_mm: float) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     axis.plot(radius_mm * np.cos(angle), radius_mm * np.sin(angle), color="0.6", lw=0.6, ls=":")
 
 
-def _mark_pressure(axis: object, shape: MuscleShape) -> None:
+def _mark_pressure(axis: Axes, shape: MuscleShape) -> None:
     for azimuth in (45.0, -45.0) if shape.pattern == "pdc" else (0.0,):
         angle = np.radians(azimuth)
         place = 4.6 * np.cos(angle), 4.6 * np.sin(angle)
         axis.annotate("p", place, ha="center", va="center", fontsize=11, fontweight="bold")
 
 
-def _draw_muscle(axis: object, shape: MuscleShape, skin: NDArray[np.float64]) -> None:
+def _draw_muscle(axis: Axes, shape: MuscleShape, skin: NDArray[np.float64]) -> None:
     """Quadrilaterals from the farthest to the nearest, lit from the upper right, seen along +y."""
     from matplotlib.collections import PolyCollection
 

@@ -182,7 +182,7 @@ def _triangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
 def _nodal_areas_mm2(x: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.float64]:
     a, b, c = (x[triangles[:, corner]] for corner in range(3))
     third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0
-    return np.bincount(triangles.ravel(), np.repeat(third, 3), minlength=len(x))
+    return np.bincount(triangles.ravel(), np.repeat(third, 3), minlength=len(x)).astype(np.float64, copy=False)
 
 
 @dataclass(frozen=True, eq=False)

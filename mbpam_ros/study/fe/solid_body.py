@@ -72,7 +72,9 @@ class SolidBody:
     def nodal_volumes_mm3(self, cell_factors: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return each node's share of the volume at rest, sum over cells of factor int N dV, shape (nodes,)."""
         shares = np.einsum("aqc,qc,c->ca", np.broadcast_to(self._region.h, self._shape), self._region.dV, cell_factors)
-        return np.bincount(self._cells.ravel(), shares.ravel(), minlength=len(self._points))
+        return np.bincount(self._cells.ravel(), shares.ravel(), minlength=len(self._points)).astype(
+            np.float64, copy=False
+        )
 
     @property
     def _shape(self) -> tuple[int, int, int]:

@@ -62,7 +62,7 @@ class Section:
     chambers: tuple[int, ...]
     azimuth_rad: float
 
-    def in_muscle_frame(self, vector: Sequence[float], turn_rad: float) -> NDArray[np.float64]:
+    def in_muscle_frame(self, vector: Sequence[float] | NDArray[np.float64], turn_rad: float) -> NDArray[np.float64]:
         """Return a vector (2,) of the cell's frame in the muscle's, the section being turned by ``turn_rad``."""
         angle = self.azimuth_rad - turn_rad
         cosine, sine = math.cos(angle), math.sin(angle)

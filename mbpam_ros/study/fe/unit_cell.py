@@ -334,7 +334,9 @@ class UnitCell:
         force = self._nodal_forces(x, pressure).reshape(-1, 3)[self._end_nodes]
         reach = self._flat(unknowns)[self._end_nodes, :2]
         orders = ((1, 0), (0, 1))[: self._angles.size]
-        values, rows, columns = [], [], []
+        values: list[NDArray[np.float64]] = []
+        rows: list[NDArray[np.int64]] = []
+        columns: list[NDArray[np.int64]] = []
         for angle, order in zip(self._angles, orders, strict=True):
             mixed = force @ self._end_axes(unknowns, *order)  # (end nodes, xi and eta)
             free = self._end_columns >= 0
@@ -343,11 +345,11 @@ class UnitCell:
             columns += [np.full(free.sum(), angle), self._end_columns[free]]
             for other, more in zip(self._angles, orders, strict=True):
                 turned = self._end_axes(unknowns, order[0] + more[0], order[1] + more[1])
-                values.append([np.sum(force * (reach @ turned.T))])
-                rows.append([angle])
-                columns.append([other])
-        values, rows, columns = (np.concatenate(parts) for parts in (values, rows, columns))
-        return coo_matrix((values, (rows, columns)), (self._count, self._count)).tocsr()
+                values.append(np.array([np.sum(force * (reach @ turned.T))]))
+                rows.append(np.array([angle]))
+                columns.append(np.array([other]))
+        places = np.concatenate(rows), np.concatenate(columns)
+        return coo_matrix((np.concatenate(values), places), (self._count, self._count)).tocsr()
 
     def _state(self, unknowns: NDArray[np.float64], pressure_gauge_mpa: float) -> CellState:
         height = self.mesh.length_mm + float(unknowns[-1])

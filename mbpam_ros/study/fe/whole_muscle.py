@@ -164,8 +164,9 @@ class WholeMuscle:
             return start
         memory, revisions = start.contact, 0
 
-        def loads(part: float) -> NDArray[np.float64]:
-            return begin + part * (end - begin)
+        def loads(part: float) -> tuple[float, float]:
+            pressure, gravity = begin + part * (end - begin)
+            return pressure, gravity
 
         def positions(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
             flat = self.mesh.points_mm.ravel().copy()
@@ -180,7 +181,7 @@ class WholeMuscle:
         def accept(unknowns: NDArray[np.float64], part: float) -> bool:
             nonlocal memory, revisions
             x = positions(unknowns)
-            if memory is not None:
+            if memory is not None and self._contact is not None:
                 revised = self._contact.revised(x, memory, one_by_one=revisions >= _REVISIONS_AT_ONCE)
                 if revised is not memory:
                     memory, revisions = revised, revisions + 1
@@ -223,7 +224,7 @@ class WholeMuscle:
         """Return the forces out of balance on all nodes of the half muscle, shape (nodes, 3)."""
         force = self._body.forces(x) - pressure_gauge_mpa * self._gas.gradient(x)
         force[:, 2] += gravity_factor * self._weights_n
-        if memory is not None:
+        if memory is not None and self._contact is not None:
             force[self._contact.nodes] -= self._contact.pushes_n(x, memory)
         return force
 
@@ -234,7 +235,7 @@ class WholeMuscle:
         values, rows, columns = self._gas.hessian_entries(x)
         gas = coo_matrix((pressure_gauge_mpa * values, (rows, columns)), (x.size, x.size)).tocsr()
         stiffness = self._body.tangent(x) - gas
-        if memory is not None:
+        if memory is not None and self._contact is not None:
             stiffness = stiffness + self._contact.tangent(x, memory)
         return stiffness
 
@@ -248,7 +249,7 @@ class WholeMuscle:
         self, x: NDArray[np.float64], pressure_gauge_mpa: float, gravity_factor: float, memory: ContactMemory | None
     ) -> MuscleState:
         push = np.zeros(3)
-        if memory is not None:
+        if memory is not None and self._contact is not None:
             push = -_HALVES * self._contact.pushes_n(x, memory).sum(axis=0) * (1.0, 0.0, 1.0)
         return MuscleState(
             pressure_gauge_mpa=float(pressure_gauge_mpa),

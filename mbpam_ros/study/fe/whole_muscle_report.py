@@ -246,7 +246,7 @@ def draw(rows: Sequence[dict], folder: Path) -> list[Path]:
         flat = sections.add_subplot(*grid, index + 1)
         for quads, side in zip(row["sections_mm"], (1.0, -1.0), strict=True):
             mirrored = np.array(quads) * (1.0, side)
-            flat.add_collection(PolyCollection(mirrored, facecolor="tab:gray", edgecolor="k", linewidth=0.3))
+            flat.add_collection(PolyCollection(list(mirrored), facecolor="tab:gray", edgecolor="k", linewidth=0.3))
         flat.set(xlabel="x [mm]", ylabel="valley   |   crest", title=row["name"])
         for drawn in (axes, flat):
             drawn.set_aspect("equal")

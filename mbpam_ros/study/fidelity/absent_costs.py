@@ -18,10 +18,12 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER
+from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.modes import load_modes
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.plant import Observation, build_plant
@@ -68,12 +70,24 @@ def variants() -> tuple[Variant, ...]:
     """
     bare, bulb = load_scene("empty"), load_scene("bulb")
 
-    def changed(scene: Scene, **values: object) -> Scene:
-        own = {"tier": "rod", "modes": 2, "sub_step_s": 0.002, "pneumatics": "lag", "fingers_touch": False, **values}
+    def changed(scene: Scene, **values: Any) -> Scene:
+        own: dict[str, Any] = {
+            "tier": "rod",
+            "modes": 2,
+            "sub_step_s": 0.002,
+            "pneumatics": "lag",
+            "fingers_touch": False,
+            **values,
+        }
         return dataclasses.replace(scene, config=dataclasses.replace(scene.config, **own))
 
-    far = {"object_position_m": (0.0, 0.0, 0.47), "support": dataclasses.replace(bulb.config.support, depth_m=0.5)}
-    fine = {"modes": 5, "sub_step_s": 0.0005}
+    if bulb.config.support is None:
+        raise ConfigError("scene bulb: no support to lower")
+    far: dict[str, Any] = {
+        "object_position_m": (0.0, 0.0, 0.47),
+        "support": dataclasses.replace(bulb.config.support, depth_m=0.5),
+    }
+    fine: dict[str, Any] = {"modes": 5, "sub_step_s": 0.0005}
     return (
         Variant("bare", changed(bare)),
         Variant("lift", changed(bare), lift=True),

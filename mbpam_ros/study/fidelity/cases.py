@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.chambers import pressurised_chambers
+from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.modes import load_modes
 from mbpam_ros.plant.scene import Scene, load_scene
 
@@ -53,7 +54,8 @@ class Case:
 
     def wanted_gauge_pa(self, time_s: float) -> Array:
         """Return the set-points (16,) at a time."""
-        return self.setpoint_gauge_pa * np.interp(time_s, *zip(*self.shares, strict=True))
+        times_s, shares = zip(*self.shares, strict=True)
+        return self.setpoint_gauge_pa * np.interp(time_s, times_s, shares)
 
 
 def _closing(mode: str, full_pa: float = FULL_PA) -> Array:
@@ -77,6 +79,8 @@ def _free(name: str, setpoint_pa: Array) -> Case:
 def _grasp(name: str, scene_name: str, full_pa: float = FULL_PA) -> Case:
     """Close upon an object, and lift it: what a step does to friction shows only under its weight."""
     scene = load_scene(scene_name)
+    if scene.object is None:
+        raise ConfigError(f"scene {scene_name}: nothing to grasp")
     setpoints = _closing(scene.object.expected_mode, full_pa)
     return Case(name, scene, setpoints, _RAMP, (_CLOSED_S, _LIFTED_S), (0.0, _LIFTED_S), lift_s=_CLOSED_S)
 

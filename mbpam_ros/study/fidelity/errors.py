@@ -35,23 +35,24 @@ def errors(case: Case, found: Record, reference: Record, active_length_m: float)
     moving = slice(first, last + 1)
     distance = _distance_m(found, reference) / active_length_m
     pressure = np.abs(found.pressure_gauge_pa - reference.pressure_gauge_pa)[moving]
+    spec = case.scene.object
     return Errors(
         static_pct=100.0 * float(distance[rest].max()),
         transient_pct=100.0 * float(distance[moving].max()),
         pressure_pct=100.0 * float(pressure.max()) / FULL_PA,
-        contact_force_pct=None if case.scene.object is None else _force_pct(case, found, reference, rest),
+        contact_force_pct=None if spec is None else _force_pct(spec.mass_kg, found, reference, rest),
     )
 
 
 def _distance_m(found: Record, reference: Record) -> Array:
     """Largest distance of a tip, or of the object's centre, at every instant, shape (n,)."""
     distance = np.linalg.norm(found.tip_m - reference.tip_m, axis=2).max(axis=1)
-    if reference.object_m is None:
+    if reference.object_m is None or found.object_m is None:
         return distance
     return np.maximum(distance, np.linalg.norm(found.object_m - reference.object_m, axis=1))
 
 
-def _force_pct(case: Case, found: Record, reference: Record, rest: NDArray[np.int64]) -> float:
+def _force_pct(mass_kg: float, found: Record, reference: Record, rest: NDArray[np.int64]) -> float:
     off = np.linalg.norm(found.finger_force_n - reference.finger_force_n, axis=2)[rest].max()
     scale = np.linalg.norm(reference.finger_force_n, axis=2)[rest].max()
-    return 100.0 * float(off / max(scale, case.scene.object.mass_kg * GRAVITY_M_S2))
+    return 100.0 * float(off / max(scale, mass_kg * GRAVITY_M_S2))

@@ -65,7 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _as_the_file_says(scene: Scene, finger_length_m: float, table: FidelityTable, tolerance: Tolerance) -> str:
     given = forced_by(scene)
     given = dataclasses.replace(given, pneumatics=given.pneumatics or load_pneumatics().model)
-    title = f"as the file says ({given.tier}, {1e3 * given.step_s:g} ms, {given.pneumatics} taken for the real one)"
+    step_ms = 1e3 * scene.config.planned_sub_step_s
+    title = f"as the file says ({given.tier}, {step_ms:g} ms, {given.pneumatics} taken for the real one)"
     try:
         return f"{title}: {plan(scene, finger_length_m, table, tolerance, given).expected}"
     except PlanError as error:

@@ -76,12 +76,13 @@ def run(case: Case, fidelity: Fidelity, gripper: Gripper, calls_per_tick: int = 
             plant.step(spool, TICK_S / calls_per_tick)
         cpu_s += time.process_time() - begun_s
         seen.append(plant.observe())
+    objects_m = [each.object_in_gripper.position_m for each in seen if each.object_in_gripper is not None]
     return Record(
         time_s=np.array([each.time_s for each in seen]),
         tip_m=np.stack([each.centreline_m[:, -1] for each in seen]),
         pressure_gauge_pa=np.stack([each.pressure_gauge_pa for each in seen]),
         finger_force_n=np.stack([each.finger_force_n for each in seen]),
-        object_m=None if case.scene.object is None else np.stack([each.object_in_gripper.position_m for each in seen]),
+        object_m=np.stack(objects_m) if objects_m else None,
         cpu_ms_per_s=1e3 * cpu_s / case.duration_s,
     )
 

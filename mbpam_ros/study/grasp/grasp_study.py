@@ -90,6 +90,9 @@ def study_grasp(scene: Scene, gripper: Gripper, design: str, refresh: Callable[[
     Raises:
         ConfigError, TierError: the scene or a file is wrong.
     """
+    spec = scene.object
+    if spec is None or scene.config.object is None:
+        raise ConfigError(f"scene {scene.name}: nothing to grasp; name an object in it")
     grid = [*np.arange(LEAST_PA, gripper.pressure_limit_gauge_pa - 1.0, STEP_PA), gripper.pressure_limit_gauge_pa]
     trials: dict[tuple[str, float], Trial] = {}
 
@@ -106,8 +109,8 @@ def study_grasp(scene: Scene, gripper: Gripper, design: str, refresh: Callable[[
     return GraspRow(
         scene=scene.name,
         object=scene.config.object,
-        mass_kg=scene.object.mass_kg,
-        papers_mode=scene.object.expected_mode,
+        mass_kg=spec.mass_kg,
+        papers_mode=spec.expected_mode,
         design=design,
         a_mm=gripper.design.a_mm,
         b_mm=gripper.design.b_mm,

@@ -10,8 +10,9 @@ import numpy as np
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.arbitration import Phase
 from mbpam_ros.gripper import Gripper
+from mbpam_ros.plant.plant import Observation
 from mbpam_ros.plant.scene import Scene
-from mbpam_ros.plant.tiers import PlantDivergedError
+from mbpam_ros.plant.tiers import BodyState, PlantDivergedError
 from mbpam_ros.simulation import TICK_S, Simulation
 
 HELD_SHARE = 0.9
@@ -78,7 +79,7 @@ def run_trial(scene: Scene, gripper: Gripper, grip_pressure_gauge_pa: float | No
         raise ConfigError(f"scene {scene.name}: nothing to grasp; name an object in it")
     simulation = Simulation(scene, gripper, grip_pressure_gauge_pa)
     simulation.run(_REST_S)
-    start_m, course = simulation.seen.object_in_world.position_m[2], _Course()
+    start_m, course = _body(simulation.seen).position_m[2], _Course()
     try:
         _close(simulation, course)
         if course.close_s is not None:
@@ -87,9 +88,9 @@ def run_trial(scene: Scene, gripper: Gripper, grip_pressure_gauge_pa: float | No
     except PlantDivergedError as error:
         course.note = str(error)
     seen = simulation.seen
-    rise_m = float(start_m - seen.object_in_world.position_m[2])
+    rise_m = float(start_m - _body(seen).position_m[2])
     up = course.close_s is not None and rise_m >= HELD_SHARE * scene.config.lift.height_m
-    still = float(np.linalg.norm(seen.object_in_world.velocity_m_s)) < STILL_M_S
+    still = float(np.linalg.norm(_body(seen).velocity_m_s)) < STILL_M_S
     return Trial(
         mode=course.mode,
         held=up and still and not course.note,
@@ -128,6 +129,12 @@ def _close(simulation: Simulation, course: _Course) -> None:
         course.close_s = simulation.seen.time_s - asked_s
     else:
         course.note = simulation.decision.reason
+
+
+def _body(seen: Observation) -> BodyState:
+    if seen.object_in_world is None:
+        raise ConfigError("nothing to grasp in this scene")
+    return seen.object_in_world
 
 
 def _whole_ticks(duration_s: float) -> float:

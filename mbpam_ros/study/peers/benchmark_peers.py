@@ -14,6 +14,7 @@ import platform
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.gripper import Gripper, load_gripper
@@ -74,9 +75,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def run(
-    gripper: Gripper, retardation_s: float, runs: int, job_ended: Callable[[str], object] = str
-) -> dict[str, object]:
+def run(gripper: Gripper, retardation_s: float, runs: int, job_ended: Callable[[str], object] = str) -> dict[str, Any]:
     """Return the ratios peer / ours and, under ``details``, all settings, errors and times.
 
     ``job_ended`` is called after each of the six parts with a line about it.
@@ -92,7 +91,7 @@ def run(
     own = try_settings(lambda **setting: OwnFreeBend(problem, **setting), own_settings(), reference, length)
     mujoco = try_settings(lambda **setting: MujocoFreeBend(problem, **setting), mujoco_settings(), reference, length)
     job_ended("settings of ours and MuJoCo tried")
-    details: dict[str, object] = {"conditions": _conditions(), "problem": _described(problem)}
+    details: dict[str, Any] = {"conditions": _conditions(), "problem": _described(problem)}
     for name, limits in _LIMITS.items():
         details[name] = _free(cheapest(own, *limits), cheapest(mujoco, *limits), runs)
         job_ended(name)
@@ -177,7 +176,7 @@ def _contact(problem: FingerProblem, runs: int) -> dict[str, object]:
 
     integrators = [name for name in _CONTACT_INTEGRATORS if has_integrator(name)]
     cost = {name: lifted(peer(_FRICTION, name)) for name in integrators}
-    integrator = min(cost, key=cost.get)
+    integrator = min(cost, key=cost.__getitem__)
     rises = {}
     for friction in (_FRICTION, _SLIPPERY):
         for name, simulation in (("ours", own(friction)), ("mujoco", peer(friction, integrator))):
@@ -223,7 +222,7 @@ def _described(problem: FingerProblem) -> dict[str, float]:
     }
 
 
-def _print(result: dict[str, object]) -> None:
+def _print(result: dict[str, Any]) -> None:
     details = result["details"]
     print(f"{'':20s} {'ours':>12s} {'peer':>12s} {'peer / ours':>12s}   CPU ms per simulated second")
     for name, value in result.items():

@@ -176,7 +176,7 @@ class MujocoGrasp:
         self._data = self._mujoco.MjData(self._model)
         self._step_s, self._grasp = step_s, grasp
         self._lift = self._model.joint("lift").id
-        self._height_m, _ = hand_motion(np.arange(round(GRASP_S / step_s) + 1) * step_s)
+        self._height_m, _ = hand_motion(np.arange(round(GRASP_S / step_s) + 1, dtype=np.float64) * step_s)
         self._done = 0
 
     def reset(self) -> None:

@@ -64,7 +64,7 @@ class OwnGrasp:
         )
         self._tier = RodTier(_setup(grasp.problem, modes, step_s, body, plane, grasp.friction))
         self._on, self._step_s, self._grasp = _actuation(grasp.problem), step_s, grasp
-        self._height_m, self._rate_m_s = hand_motion(np.arange(round(GRASP_S / step_s) + 1) * step_s)
+        self._height_m, self._rate_m_s = hand_motion(np.arange(round(GRASP_S / step_s) + 1, dtype=np.float64) * step_s)
         self._done = 0
 
     def reset(self) -> None:
@@ -80,7 +80,7 @@ class OwnGrasp:
 
     def rise_m(self) -> float:
         """Return how far the sphere has risen."""
-        return self._grasp.depth_m - float(self._tier.state().body.position_m[2])
+        return self._grasp.depth_m - float(self._tier.object_state().position_m[2])
 
 
 def reference_tips(problem: FingerProblem) -> Array:

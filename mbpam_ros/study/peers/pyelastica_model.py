@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -59,14 +60,14 @@ class PyelasticaFreeBend:
         """Hang straight, at rest."""
         ea, problem = self._elastica, self._problem
 
-        class Simulator(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping):
+        class Simulator(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping):  # type: ignore[name-defined]  # imported late
             pass
 
         self._simulator, self._time_s = Simulator(), 0.0
         self._rods = [self._add_finger(finger) for finger in range(len(problem.base_m))]
         self._simulator.finalize()
 
-    def _add_finger(self, finger: int) -> object:
+    def _add_finger(self, finger: int) -> Any:
         ea, problem = self._elastica, self._problem
         elements, start, length = rod_elements(problem, self._shares)
         radius, toward = problem.geometry.outer_radius_m, problem.inward[finger]

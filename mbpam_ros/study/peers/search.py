@@ -6,7 +6,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.peers.problem import Array, TipErrors, sample_tips, tip_errors
@@ -22,11 +22,15 @@ class AccuracyError(MbpamError, RuntimeError):
     """No setting that was tried is accurate enough."""
 
 
-class Simulation(Protocol):
-    """A simulation that can be started again."""
+class Restartable(Protocol):
+    """What can be started again."""
 
     def reset(self) -> None:
         """Go back to the start."""
+
+
+class Simulation(Restartable, Protocol):
+    """A simulation of four fingers that can be started again."""
 
     def advance(self, seconds: float) -> None:
         """Go on."""
@@ -39,7 +43,7 @@ class Simulation(Protocol):
 class Tried:
     """A setting, its errors, its cost, and the simulation itself."""
 
-    setting: dict[str, object]
+    setting: dict[str, Any]
     errors: TipErrors
     cpu_ms_per_s: float
     simulation: Simulation
@@ -54,7 +58,7 @@ class Tried:
         }
 
 
-def cpu_ms_per_s(simulation: Simulation, advance: Callable[[float], None], seconds: float = TIMED_S) -> float:
+def cpu_ms_per_s(simulation: Restartable, advance: Callable[[float], None], seconds: float = TIMED_S) -> float:
     """Return the CPU time [ms] per simulated second, from the start."""
     simulation.reset()
     start = time.process_time()
