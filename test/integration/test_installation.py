@@ -17,6 +17,8 @@ from mbpam_ros.nodes.interface import NODES
 
 from mbpam_ros.nodes.system import Operator  # isort: skip
 
+pytestmark = pytest.mark.xdist_group("installation")  # its workspace is built once
+
 SOURCE = Path(__file__).parents[2]
 DESIGN_STUDY = {"sample_design", "compare_metamodels", "optimise_design"}
 STUDIES = {"benchmark_peers", "calibrate_fe", "fidelity_trade", "grasp_study", "plan", "stability_map"}

@@ -52,6 +52,10 @@ class Estimates:
         self.forces = graph.listen(JointState, "finger_forces")
         self.reports = graph.listen(DiagnosticArray, "/diagnostics")
         self.pressures = graph.publisher(JointState, "chamber_states")
+        # The node builds nothing that nobody listens to.
+        topics = {"/joint_states", "/finger_tips", "/finger_forces"}
+        heard = [each for each in self.node.publishers if each.topic_name in topics]
+        graph.spin_until(lambda: all(each.get_subscription_count() for each in heard), "listeners known to the node")
 
     def feed(self, values, time_s=1.0):
         """Measure these pressures once."""
