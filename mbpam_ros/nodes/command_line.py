@@ -52,9 +52,8 @@ def besides_ros(arguments: Sequence[str]) -> list[str]:
 def help_text(program: str, factories: Sequence[Callable]) -> str:
     """Return what the executable's nodes do, and their parameters, topics and services."""
     modules = [sys.modules[factory.__module__] for factory in factories]
-    nodes = [
-        Path(module.__file__ or module.__name__).stem for module in modules
-    ]  # a name would be __main__ where one is run itself
+    # By its file: the name of a module that is run itself is __main__.
+    nodes = [Path(module.__file__ or module.__name__).stem for module in modules]
     prefixes = [f"{node}:" if len(nodes) > 1 else "" for node in nodes]
     lines = [
         f"usage: {program} [-h] [--ros-args [-p NAME:=VALUE] [-r OLD:=NEW] [--params-file FILE] [-r __ns:=/NAME] ...]",
@@ -82,7 +81,7 @@ def help_text(program: str, factories: Sequence[Callable]) -> str:
 
 def _parameter_row(prefix: str, parameter: Parameter) -> tuple[str, str, str, str]:
     default = parameter.default
-    shown = str(default).lower() if isinstance(default, bool) else f"{default}" if default != "" else "''"
+    shown = str(default).lower() if isinstance(default, bool) else str(default) or "''"
     limits = "" if parameter.low is None else f"{parameter.low:g} .. {parameter.high:g}"
     changeable = "; may be set while it runs" if parameter.changeable else ""
     return prefix + parameter.name, f"{shown} ({type(default).__name__})", limits, parameter.description + changeable

@@ -149,7 +149,6 @@ class GripperNode(Node):
         callback: Callable[[], None],
         callback_group: CallbackGroup | None = None,
         clock: Clock | None = None,
-        autostart: bool = True,
     ) -> Timer:
         """Create a timer; options as for rclpy's.
 
@@ -161,7 +160,7 @@ class GripperNode(Node):
             callback()
 
         vars(call)["__signature__"] = inspect.signature(call)
-        return super().create_timer(period_s, call, callback_group, clock, autostart)
+        return super().create_timer(period_s, call, callback_group, clock)
 
     def now_s(self) -> float:
         """Return the node's time [s], for how old something is.
