@@ -29,7 +29,7 @@ from mbpam_ros.nodes.plant_camera import PlantCamera
 from mbpam_ros.plant.planner import planned_scene
 from mbpam_ros.plant.plant import Observation, Plant, build_plant
 from mbpam_ros.plant.scene import Scene, load_scene
-from mbpam_ros.plant.tiers import PlantDivergedError, TierError
+from mbpam_ros.plant.tiers.base import PlantDivergedError, TierError
 from mbpam_ros.pneumatics.chamber import PneumaticsInputError
 from mbpam_ros.pneumatics.config import load_pneumatics
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.plant.shapes import SHAPE_CODES, signed_distance
-from mbpam_ros.plant.tiers import RigidBody
+from mbpam_ros.plant.tiers.base import RigidBody
 
 _SPACING_M = 0.001
 _distance = getattr(signed_distance, "py_func", signed_distance)

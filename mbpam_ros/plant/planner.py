@@ -78,7 +78,8 @@ class Plan:
 
     Args:
         fidelity: pneumatics, tier, modes and step.
-        air_modes: modes while the object is out of reach (:mod:`~mbpam_ros.plant.stepping`); none for always the same.
+        air_modes: modes while the object is out of reach (:mod:`~mbpam_ros.plant.tiers.adaptive`); none for always the
+            same.
         contact: whether anything can touch.
         camera: whether there is anything to see.
         moving_fingers: numbers of the fingers that are computed.

@@ -22,7 +22,7 @@ from mbpam_ros.plant.lift import HandLift
 from mbpam_ros.plant.planner import planned_scene
 from mbpam_ros.plant.scene import Scene
 from mbpam_ros.plant.solids import half_height
-from mbpam_ros.plant.tiers import (
+from mbpam_ros.plant.tiers.base import (
     Actuation,
     BodyState,
     PlantConfig,
@@ -30,8 +30,8 @@ from mbpam_ros.plant.tiers import (
     RigidBody,
     Tier,
     TierSetup,
-    build_tier,
 )
+from mbpam_ros.plant.tiers.registry import build_tier
 from mbpam_ros.pneumatics.chamber import PneumaticModel, build_pneumatics
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
 from mbpam_ros.pneumatics.transducer import Transducer
@@ -54,7 +54,8 @@ class Observation:
         time_s: simulated time since reset.
         pressure_gauge_pa: true chamber pressures, shape (16,).
         transducer_v: their transducers' volts, shape (16,), with noise and quantisation.
-        bend_rad, bend_rate_rad_s: of the muscles' tips, as in :class:`~mbpam_ros.plant.tiers.TierState`, shape (4, 2).
+        bend_rad, bend_rate_rad_s: of the muscles' tips, as in :class:`~mbpam_ros.plant.tiers.base.TierState`,
+            shape (4, 2).
         centreline_m: points of the fingers' centre lines in ``gripper_base``, clamp to tip, shape (4, n, 3).
         hand_lift_m: rise of the hand.
         object_in_world: pose and velocity of the object, world frame; none without an object.

@@ -31,7 +31,7 @@ from mbpam_ros.actuator.chambers import pressurised_chambers
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.gripper import Gripper, load_gripper
-from mbpam_ros.plant.tiers import (
+from mbpam_ros.plant.tiers.base import (
     Actuation,
     PlantConfig,
     PlantDivergedError,
@@ -40,8 +40,8 @@ from mbpam_ros.plant.tiers import (
     TierError,
     TierSetup,
     TierState,
-    build_tier,
 )
+from mbpam_ros.plant.tiers.registry import build_tier
 from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.progress_bar import ProgressBar
 from mbpam_ros.study.result_file import ResultFileError, write_json

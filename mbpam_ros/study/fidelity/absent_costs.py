@@ -6,7 +6,7 @@ Scenes that differ from a bare one (four muscles in the air that do not meet, tw
 CPU times are the medians of several runs of the plant's steps at 100 Hz, and of the images where there is a camera; the
 bare scene is run before and after, and the difference is what a figure is worth. What is absent is not even imported:
 the last column. The last two scenes show what fewer modes save while an object is out of reach
-(:mod:`~mbpam_ros.plant.stepping`).
+(:mod:`~mbpam_ros.plant.tiers.adaptive`).
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ _DURATION_S, _REPEATS, _IMAGE_EVERY = 1.5, 5, 20
 _FLOOR_M = 0.5
 _S_PER_RUN = 0.3
 _HEAVY_MODULES = {
-    "rod": "mbpam_ros.plant.moving",
-    "static": "mbpam_ros.plant.static",
+    "rod": "mbpam_ros.plant.tiers.rod",
+    "static": "mbpam_ros.plant.tiers.static",
     "iso6358": "mbpam_ros.pneumatics.iso6358",
     "camera": "mbpam_ros.vision.render",
 }

@@ -23,7 +23,7 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import AUTO, TABLE, FidelityTable, Tolerance, load_fidelity_table
 from mbpam_ros.plant.planner import Forced, Plan, PlanError, forced_by, plan
 from mbpam_ros.plant.scene import ALL_FINGERS, Scene, load_scene
-from mbpam_ros.plant.tiers import tier_names
+from mbpam_ros.plant.tiers.registry import tier_names
 from mbpam_ros.pneumatics.chamber import pneumatic_model_names
 from mbpam_ros.pneumatics.config import load_pneumatics
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.fidelity import Fidelity, Measured
-from mbpam_ros.plant.tiers import PlantDivergedError
+from mbpam_ros.plant.tiers.base import PlantDivergedError
 from mbpam_ros.study.fidelity.cases import Case
 from mbpam_ros.study.fidelity.errors import Errors, errors
 from mbpam_ros.study.fidelity.runs import TICK_S, Record, run

@@ -25,7 +25,7 @@ from mbpam_ros.actuator.named_designs import INITIAL, load_design
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
-from mbpam_ros.plant.tiers import PlantDivergedError, TierError
+from mbpam_ros.plant.tiers.base import PlantDivergedError, TierError
 from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.grasp.least_pressure import LeastPressure, least_pressure
 from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S, Trial, run_trial, with_changes

@@ -12,7 +12,7 @@ from mbpam_ros.grasp.arbitration import Phase
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.plant import Observation
 from mbpam_ros.plant.scene import Scene
-from mbpam_ros.plant.tiers import BodyState, PlantDivergedError
+from mbpam_ros.plant.tiers.base import BodyState, PlantDivergedError
 from mbpam_ros.simulation import TICK_S, Simulation
 
 HELD_SHARE = 0.9

@@ -18,7 +18,7 @@ from typing import Any
 
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.gripper import Gripper, load_gripper
-from mbpam_ros.plant.tiers import PlantConfig
+from mbpam_ros.plant.tiers.base import PlantConfig
 from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.fidelity.boundary_value import BoundaryValueError
 from mbpam_ros.study.peers.grasp import GRASP_S, HELD_SHARE, LIFT_M, Grasp

@@ -8,8 +8,8 @@ import numpy as np
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.configuration import load_config
-from mbpam_ros.plant.moving import RodTier
-from mbpam_ros.plant.tiers import Actuation, PlantConfig, RigidBody, TierSetup
+from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, RigidBody, TierSetup
+from mbpam_ros.plant.tiers.rod import RodTier
 from mbpam_ros.study.peers.grasp import GRASP_S, Grasp, hand_motion
 from mbpam_ros.study.peers.problem import (
     Array,

@@ -13,14 +13,8 @@ from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.design import MuscleDesign
 from mbpam_ros.configuration import ConfigError, load_config, load_yaml
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.tiers import (
-    Actuation,
-    PlantConfig,
-    PlantDivergedError,
-    RigidBody,
-    TierSetup,
-    build_tier,
-)
+from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, PlantDivergedError, RigidBody, TierSetup
+from mbpam_ros.plant.tiers.registry import build_tier
 from mbpam_ros.pneumatics.chamber import build_pneumatics
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
 

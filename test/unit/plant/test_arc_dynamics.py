@@ -9,7 +9,8 @@ import pytest
 from mbpam_ros.actuator.equilibrium import gravity_energy_j, gravity_stiffness_n_m, hanging_bend
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.tiers import Actuation, PlantConfig, PlantDivergedError, RigidBody, TierSetup, build_tier
+from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, PlantDivergedError, RigidBody, TierSetup
+from mbpam_ros.plant.tiers.registry import build_tier
 
 GRIPPER = load_gripper()
 GEOMETRY = GRIPPER.geometry

@@ -11,7 +11,8 @@ from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
-from mbpam_ros.plant.tiers import Actuation, PlantConfig, RigidBody, TierSetup, build_tier
+from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, RigidBody, TierSetup
+from mbpam_ros.plant.tiers.registry import build_tier
 
 GRIPPER = load_gripper()
 GEOMETRY, BASES = GRIPPER.geometry, GRIPPER.finger_base_m

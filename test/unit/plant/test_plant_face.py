@@ -14,7 +14,7 @@ from mbpam_ros.actuator.kinematics import centreline
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.plant import StepSizeError, build_plant
 from mbpam_ros.plant.scene import load_scene
-from mbpam_ros.plant.tiers import PlantDivergedError, TierError
+from mbpam_ros.plant.tiers.base import PlantDivergedError, TierError
 from mbpam_ros.pneumatics.chamber import PneumaticsInputError
 
 GRIPPER = load_gripper()

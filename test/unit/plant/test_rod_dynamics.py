@@ -9,15 +9,15 @@ from scipy.integrate import solve_bvp
 from mbpam_ros.actuator.equilibrium import hanging_bend
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.tiers import (
+from mbpam_ros.plant.tiers.base import (
     Actuation,
     PlantConfig,
     PlantDivergedError,
     RigidBody,
     TierError,
     TierSetup,
-    build_tier,
 )
+from mbpam_ros.plant.tiers.registry import build_tier
 
 GRIPPER = load_gripper()
 GEOMETRY = GRIPPER.geometry

@@ -8,7 +8,7 @@ import pytest
 
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.tiers import PlantConfig
+from mbpam_ros.plant.tiers.base import PlantConfig
 from mbpam_ros.study import stability_map
 from mbpam_ros.study.stability_map import Cell, main, map_text, run_cell
 

@@ -6,9 +6,7 @@ the hand. It knows no pressures, no scene's name and no clock.
 
 from __future__ import annotations
 
-import importlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -171,41 +169,3 @@ class Tier(ABC):
     @abstractmethod
     def state(self) -> TierState:
         """Return copies of what was computed."""
-
-
-_TIERS = {
-    "static": ("mbpam_ros.plant.static", "StaticTier"),
-    "arc": ("mbpam_ros.plant.moving", "ArcTier"),
-    "rod": ("mbpam_ros.plant.moving", "RodTier"),
-}
-"""Modules are imported when asked for: a tier that is not used is neither loaded nor compiled."""
-
-_STEPPING = ("mbpam_ros.plant.stepping", "SteppingTier")
-
-
-def tier_names() -> tuple[str, ...]:
-    """Return the names of all tiers, cheapest first."""
-    return tuple(_TIERS)
-
-
-def build_tier(name: str, setup: TierSetup) -> Tier:
-    """Return the tier ``name``.
-
-    Raises:
-        TierError: no such tier, or it cannot compute what the setup holds.
-    """
-    if name not in _TIERS:
-        raise TierError(f"no tier {name!r}; known: {', '.join(_TIERS)}")
-    if setup.modes is not None and name != "rod":
-        raise TierError(f"tier {name!r} takes no modes, found {setup.modes}: use tier 'rod', or leave modes out")
-    if setup.air_modes is not None and (name != "rod" or setup.body is None):
-        raise TierError(f"air_modes are for the tier 'rod' with an object, found tier {name!r}: leave them out")
-    if not setup.contact:
-        free: Tier = importlib.import_module("mbpam_ros.plant.no_contact").NoContact(name, setup)
-        return free
-    if setup.moving_fingers is not None:
-        some: Tier = importlib.import_module("mbpam_ros.plant.some_fingers").SomeFingers(name, setup)
-        return some
-    module, tier = _TIERS[name] if setup.air_modes is None else _STEPPING
-    build: Callable[[TierSetup], Tier] = getattr(importlib.import_module(module), tier)
-    return build(setup)

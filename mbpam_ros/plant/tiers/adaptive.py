@@ -14,8 +14,8 @@ import logging
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mbpam_ros.plant.moving import RodTier
-from mbpam_ros.plant.tiers import Actuation, Array, RigidBody, Tier, TierError, TierSetup, TierState
+from mbpam_ros.plant.tiers.base import Actuation, Array, RigidBody, Tier, TierError, TierSetup, TierState
+from mbpam_ros.plant.tiers.rod import RodTier
 
 LEAST_GAP_M = 0.004
 """Nearer than this counts as within reach: points of a centre line are 10 mm apart."""
@@ -32,7 +32,7 @@ _LOOK_DOWN_EVERY_S = 0.1
 _log = logging.getLogger(__name__)
 
 
-class SteppingTier(Tier):
+class AdaptiveTier(Tier):
     """Two tiers ``rod`` of which one moves the muscles: that of the air, or that of contact.
 
     Raises:

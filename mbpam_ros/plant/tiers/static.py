@@ -8,7 +8,7 @@ import numpy as np
 
 from mbpam_ros.actuator.equilibrium import hanging_bend
 from mbpam_ros.actuator.kinematics import centreline
-from mbpam_ros.plant.tiers import CENTRELINE_POINTS, Actuation, Array, Tier, TierError, TierSetup, TierState
+from mbpam_ros.plant.tiers.base import CENTRELINE_POINTS, Actuation, Array, Tier, TierError, TierSetup, TierState
 
 
 class StaticTier(Tier):

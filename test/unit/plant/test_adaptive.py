@@ -11,8 +11,8 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import Tolerance
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
-from mbpam_ros.plant.stepping import outside_distance_m
-from mbpam_ros.plant.tiers import RigidBody, TierError
+from mbpam_ros.plant.tiers.adaptive import outside_distance_m
+from mbpam_ros.plant.tiers.base import RigidBody, TierError
 
 GRIPPER = load_gripper()
 L = GRIPPER.geometry.active_length_m
@@ -42,7 +42,7 @@ def drive(plant, target_pa, duration_s):
 
 
 def messages(caplog):
-    return [record.getMessage() for record in caplog.records if record.name.endswith("stepping")]
+    return [record.getMessage() for record in caplog.records if record.name.endswith("adaptive")]
 
 
 def test_the_plant_steps_down_at_rest_up_before_contact_and_down_after_the_release_and_says_so(caplog):

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from mbpam_ros.plant.tiers import (
+from mbpam_ros.plant.tiers.base import (
     CENTRELINE_POINTS,
     Actuation,
     Array,
@@ -14,8 +14,8 @@ from mbpam_ros.plant.tiers import (
     Tier,
     TierSetup,
     TierState,
-    build_tier,
 )
+from mbpam_ros.plant.tiers.registry import build_tier
 
 _NO_MOMENT_N_M = 1e-6
 """Bends a muscle by less than 0.01 deg."""

@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from mbpam_ros.plant.tiers import Actuation, Array, BodyState, Tier, TierSetup, TierState, build_tier
+from mbpam_ros.plant.tiers.base import Actuation, Array, BodyState, Tier, TierSetup, TierState
+from mbpam_ros.plant.tiers.registry import build_tier
 
 
 class NoContact(Tier):

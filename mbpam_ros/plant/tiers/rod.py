@@ -19,7 +19,7 @@ from mbpam_ros.plant.multibody import State, System, advance, assemble, bind
 from mbpam_ros.plant.rod import Motion, build_rod, position_weights
 from mbpam_ros.plant.shapes import SHAPE_CODES
 from mbpam_ros.plant.solids import principal_inertia
-from mbpam_ros.plant.tiers import (
+from mbpam_ros.plant.tiers.base import (
     CENTRELINE_POINTS,
     Actuation,
     Array,
@@ -171,7 +171,7 @@ class RodTier(Tier):
         return float(np.abs(rates).sum(axis=1).max())
 
     def centreline_m(self) -> Array:
-        """Return points of the centre lines as in :class:`~mbpam_ros.plant.tiers.TierState`."""
+        """Return points of the centre lines as in :class:`~mbpam_ros.plant.tiers.base.TierState`."""
         return self._line_weights @ self._motion.tangent + self._setup.finger_base_m[:, None, :]
 
     def body_state(self) -> BodyState | None:
