@@ -138,10 +138,9 @@ class Plant:
         self._sub_steps = 0
         self._failure: str | None = None
         self._lift.reset()
-        self._tier.reset()
         self._chambers.reset()
         self._pressure = self._chambers.pressure_gauge_pa
-        self._actuation = self._actuate(self._pressure)
+        self._tier.reset(self._actuation(self._pressure))
         self._transducer = Transducer(self._pneumatics.transducer, CHANNEL_COUNT, self._seed)
         self._volts = self._transducer.measure(self._pressure)
 
@@ -176,15 +175,14 @@ class Plant:
         count = self._count_sub_steps(dt_s)
         bend = {"bend_rad": self._tier.state().bend_rad} if self._chambers.has_volume else {}
         pressure = self._chambers.step(spool, dt_s, **bend)
-        actuation = self._actuate(pressure)
         ends_s = (self._sub_steps + np.arange(count + 1)) * self.sub_step_s
         try:
-            self._tier.step(self._actuation, actuation, *self._lift.motion(ends_s))
+            self._tier.step(self._actuation(pressure), *self._lift.motion(ends_s))
         except PlantDivergedError as error:
             self._failure = f"diverged at {self.time_s:.3f} s: {error}"
             raise PlantDivergedError(self._failure) from error
         self._sub_steps += count
-        self._pressure, self._actuation = pressure, actuation
+        self._pressure = pressure
         self._volts = self._transducer.measure(pressure)
 
     def lift(self) -> Answer:
@@ -230,7 +228,7 @@ class Plant:
             )
         return count
 
-    def _actuate(self, pressure_gauge_pa: Array) -> Actuation:
+    def _actuation(self, pressure_gauge_pa: Array) -> Actuation:
         return Actuation(*self._law.moment_and_stiffness(pressure_gauge_pa.reshape(FINGER_COUNT, CHAMBERS_PER_FINGER)))
 
 

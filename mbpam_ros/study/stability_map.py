@@ -181,9 +181,10 @@ def _setup(step_s: float, with_object: bool, gripper: Gripper, config: PlantConf
 
 def _close(muscles: Tier, step_s: float, holding_s: float, gripper: Gripper) -> None:
     none, full = (_inward(share * PRESSURE_GAUGE_PA, gripper) for share in (0.0, 1.0))
-    for before, duration_s, fewest in ((none, CLOSING_S, 1), (full, holding_s, FEWEST_STEPS)):
+    muscles.reset(none)
+    for duration_s, fewest in ((CLOSING_S, 1), (holding_s, FEWEST_STEPS)):
         still = np.zeros(max(round(duration_s / step_s), fewest) + 1)
-        muscles.step(before, full, still, still)
+        muscles.step(full, still, still)
 
 
 def _inward(pressure_gauge_pa: float, gripper: Gripper) -> Actuation:

@@ -35,36 +35,39 @@ _log = logging.getLogger(__name__)
 class AdaptiveTier(Tier):
     """Two tiers ``rod`` of which one moves the muscles: that of the air, or that of contact.
 
+    Args:
+        air: the muscles alone.
+        contact: the muscles, the object and all that they may touch.
+        setup: of ``contact``.
+
     Raises:
-        TierError: a number of modes that cannot be.
+        TierError: there is no object.
     """
 
-    def __init__(self, setup: TierSetup) -> None:
+    def __init__(self, air: RodTier, contact: RodTier, setup: TierSetup) -> None:
         if setup.body is None:
-            raise TierError("stepping between tiers is for a scene with an object")
+            raise TierError("a number of modes that changes is for a scene with an object")
+        self._air, self._contact = air, contact
         self._setup, self._body = setup, setup.body
-        self._air = RodTier(dataclasses.replace(setup, body=None, modes=setup.air_modes))
-        self._contact = RodTier(setup)
-        self.reset()
 
     @property
     def in_contact_tier(self) -> bool:
         """Whether the tier of contact moves the muscles."""
         return self._active is self._contact
 
-    def reset(self) -> None:
-        self._air.reset()
-        self._contact.reset()
+    def reset(self, actuation: Actuation) -> None:
+        self._air.reset(actuation)
+        self._contact.reset(actuation)
         self._active = self._contact
         self._time_s = self._look_s = 0.0
         self._turn, self._centre_m = self._object_place()
 
-    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+    def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
         duration_s = (len(hand_height_m) - 1) * self._setup.sub_step_s
         if self._time_s >= self._look_s:
             look = self._look_down if self.in_contact_tier else self._look_up
             look(duration_s, hand_height_m, hand_velocity_m_s)
-        self._active.step(before, after, hand_height_m, hand_velocity_m_s)
+        self._active.step(actuation, hand_height_m, hand_velocity_m_s)
         self._time_s += duration_s
 
     def state(self) -> TierState:

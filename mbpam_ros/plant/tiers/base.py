@@ -1,4 +1,4 @@
-"""The face of all tiers, and the tiers by name.
+"""The face of all tiers, and what passes through it.
 
 A tier moves the muscles (and an object, if it can) for given intrinsic moments and stiffnesses and a given motion of
 the hand. It knows no pressures, no scene's name and no clock.
@@ -148,22 +148,31 @@ class TierState:
 
 
 class Tier(ABC):
-    """Reset, step, state."""
+    """Reset, step, state.
+
+    A tier keeps the actuation that acts at the present instant: a reset gives it, and the end of each step. It reads
+    what it is given at once and keeps no reference, so that a caller may use its arrays again. Nothing but
+    :meth:`reset` may be asked of a tier that was never reset.
+    """
 
     @abstractmethod
-    def reset(self) -> None:
-        """Hang the muscles straight and at rest, put the object where it starts."""
-
-    @abstractmethod
-    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        """Advance by ``len(hand_height_m) - 1`` sub-steps.
+    def reset(self, actuation: Actuation) -> None:
+        """Hang the muscles straight and at rest, put the object where it starts.
 
         Args:
-            before, after: actuation at the two ends; linear between them.
+            actuation: what acts at this instant, and from which the first step's runs on.
+        """
+
+    @abstractmethod
+    def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        """Advance by ``len(hand_height_m) - 1`` sub-steps; without any, only the actuation changes.
+
+        Args:
+            actuation: what acts at the end; it runs straight there from what acts now.
             hand_height_m, hand_velocity_m_s: rise of the hand (up positive) at every end of a sub-step, shape (n + 1,).
 
         Raises:
-            PlantDivergedError: the step left what can be; the state is as it was before.
+            PlantDivergedError: the step left what can be; the state, the actuation with it, is as it was before.
         """
 
     @abstractmethod

@@ -1,51 +1,48 @@
-"""Any tier with some of the muscles left out: these hang straight, and nothing touches them."""
+"""Tiers with a part of the scene left out: some of the muscles, or all that could touch."""
 
 from __future__ import annotations
 
 import dataclasses
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbpam_ros.plant.tiers.base import (
     CENTRELINE_POINTS,
     Actuation,
     Array,
+    BodyState,
     PlantDivergedError,
+    RigidBody,
     Tier,
-    TierSetup,
     TierState,
 )
-from mbpam_ros.plant.tiers.registry import build_tier
 
 _NO_MOMENT_N_M = 1e-6
 """Bends a muscle by less than 0.01 deg."""
 
 
 class SomeFingers(Tier):
-    """The tier ``name`` for the muscles ``setup.moving_fingers``.
+    """Muscles of which ``inner`` computes some; the others hang straight, and nothing touches them.
 
-    Raises:
-        TierError: no such tier, or it cannot compute what the setup holds.
+    Args:
+        inner: the tier of those muscles.
+        moving: their places among all, counted from 0.
+        finger_base_m: clamp points of all, shape (4, 3).
+        length_m: of a muscle.
     """
 
-    def __init__(self, name: str, setup: TierSetup) -> None:
-        self._moving = np.array(setup.moving_fingers) - 1
-        self._still = np.setdiff1d(np.arange(len(setup.finger_base_m)), self._moving)
-        bases = setup.finger_base_m[self._moving]
-        self._inner = build_tier(name, dataclasses.replace(setup, finger_base_m=bases, moving_fingers=None))
-        down = np.linspace(0.0, setup.geometry.length_m, CENTRELINE_POINTS)[:, None] * (0.0, 0.0, 1.0)
-        self._straight_m = setup.finger_base_m[:, None, :] + down
-        self._last: tuple[Actuation, Actuation] | None = None
+    def __init__(self, inner: Tier, moving: NDArray[np.intp], finger_base_m: Array, length_m: float) -> None:
+        self._inner, self._moving = inner, moving
+        self._still = np.setdiff1d(np.arange(len(finger_base_m)), moving)
+        down = np.linspace(0.0, length_m, CENTRELINE_POINTS)[:, None] * (0.0, 0.0, 1.0)
+        self._straight_m = finger_base_m[:, None, :] + down
 
-    def reset(self) -> None:
-        self._inner.reset()
+    def reset(self, actuation: Actuation) -> None:
+        self._inner.reset(self._of_moving(actuation))
 
-    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        # A tier may know its last actuation again by its identity.
-        first = self._last[1] if self._last is not None and self._last[0] is before else self._of_moving(before)
-        second = self._of_moving(after)
-        self._inner.step(first, second, hand_height_m, hand_velocity_m_s)
-        self._last = after, second
+    def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        self._inner.step(self._of_moving(actuation), hand_height_m, hand_velocity_m_s)
 
     def state(self) -> TierState:
         found = self._inner.state()
@@ -74,3 +71,24 @@ class SomeFingers(Tier):
         everyone[:] = still
         everyone[self._moving] = values
         return everyone
+
+
+class NoContact(Tier):
+    """Muscles that ``inner`` computes in the air; the object ``body`` stays where it starts, to be seen only."""
+
+    def __init__(self, inner: Tier, body: RigidBody | None) -> None:
+        self._inner = inner
+        self._body: BodyState | None = None
+        if body is not None:
+            self._body = BodyState(
+                np.array(body.position_m, float), np.array(body.orientation_xyzw, float), np.zeros(3), np.zeros(3)
+            )
+
+    def reset(self, actuation: Actuation) -> None:
+        self._inner.reset(actuation)
+
+    def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        self._inner.step(actuation, hand_height_m, hand_velocity_m_s)
+
+    def state(self) -> TierState:
+        return dataclasses.replace(self._inner.state(), body=self._body)

@@ -99,7 +99,6 @@ class RodTier(Tier):
         self._advance = partial(advance, bind(self._parts)) if damped else Composition(self._parts).advance
         along = np.linspace(0.0, setup.geometry.length_m, CENTRELINE_POINTS)
         self._line_weights = position_weights(setup.geometry, segments, along)
-        self.reset()
 
     def _modes(self, may_touch: bool) -> int:
         modes = self._setup.modes
@@ -109,11 +108,10 @@ class RodTier(Tier):
             raise TierError(f"tier 'rod' has 1 to {MOST_MODES} modes a plane, found modes = {modes}")
         return modes
 
-    def reset(self) -> None:
-        body, state = self._setup.body, self._parts.state
+    def reset(self, actuation: Actuation) -> None:
+        body, state, drive = self._setup.body, self._parts.state, self._parts.drive
         self._memory[:] = 0.0
-        self._before: Actuation | None = None
-        self._after: Actuation | None = None
+        drive.moments[:], drive.stiffnesses[:] = actuation.moment_n_m, actuation.stiffness_n_m2
         state.orientation[3] = 1.0
         if body is not None:
             state.velocity[self._coordinates :] = *body.velocity_m_s, *body.angular_velocity_rad_s
@@ -123,17 +121,19 @@ class RodTier(Tier):
         self.iterations = 0
         self._begin()
 
-    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        if before is not self._before or after is not self._after:  # to write what is there takes half a sub-step
-            self._drive(before, after)
+    def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        moments, stiffnesses = self._parts.drive
+        moments[0], stiffnesses[0] = moments[1], stiffnesses[1]
+        moments[1], stiffnesses[1] = actuation.moment_n_m, actuation.stiffness_n_m2
         memory = self._memory.copy()
         answer, self.iterations = self._advance(hand_height_m, hand_velocity_m_s)
         self._shown = False
         if answer != multibody.OK:
             self._memory[:] = memory
+            moments[1], stiffnesses[1] = moments[0], stiffnesses[0]
             self._begin()
             remedy = _REMEDY.capitalize()
-            bend = np.hypot(*after.moment_n_m.T) * self._setup.geometry.active_length_m / after.stiffness_n_m2
+            bend = np.hypot(*actuation.moment_n_m.T) * self._setup.geometry.active_length_m / actuation.stiffness_n_m2
             if answer == multibody.TOO_BENT and bend.max() > 0.5 * multibody.LARGEST_BEND_RAD:  # swings go twice as far
                 remedy = (
                     f"The air alone bends one by {np.degrees(bend.max()):.0f} deg: lower its pressure. Or {_REMEDY}"
@@ -142,22 +142,18 @@ class RodTier(Tier):
                 f"tier {self.name!r} at a sub-step of {self._setup.sub_step_s:g} s: {_REASONS[answer]}. {remedy}"
             )
 
-    def _drive(self, before: Actuation, after: Actuation) -> None:
-        moments, stiffnesses = self._parts.drive
-        moments[0], moments[1] = before.moment_n_m, after.moment_n_m
-        stiffnesses[0], stiffnesses[1] = before.stiffness_n_m2, after.stiffness_n_m2
-        self._before, self._after = before, after
-
     @property
     def modes(self) -> int:
         """Modes of curvature a plane."""
         return self._coordinates // (2 * self._fingers)
 
     def take_over(self, other: RodTier) -> None:
-        """Go on with the muscles of another tier as they are: modes it does not have are zero, those too many dropped.
+        """Go on with the muscles of another tier, and what acts on them: modes it does not have are zero, more dropped.
 
         The object stays as it is here.
         """
+        for own, theirs in zip(self._parts.drive, other._parts.drive, strict=True):
+            own[:] = theirs
         common = 2 * min(self.modes, other.modes)
         for own, theirs in zip(self._parts.state[:2], other._parts.state[:2], strict=True):
             own[: self._coordinates] = 0.0

@@ -25,26 +25,23 @@ class StaticTier(Tier):
         if setup.body is not None:
             raise TierError("tier 'static' cannot move an object: use tier 'arc' or 'rod', or no object")
         self._setup = setup
-        self.reset()
 
-    def reset(self) -> None:
-        fingers = len(self._setup.finger_base_m)
-        self._bend = np.zeros((fingers, 2))
-        self._rate = np.zeros((fingers, 2))
-        self._actuation: Actuation | None = None
-        self._equilibrium = np.zeros((fingers, 2))
+    def reset(self, actuation: Actuation) -> None:
+        self._equilibrium = self._rest(actuation)
+        self._bend, self._rate = np.zeros_like(self._equilibrium), np.zeros_like(self._equilibrium)
 
-    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        if before is not self._actuation:
-            self._equilibrium = self._rest(before)
+    def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        target = self._rest(actuation)
+        if len(hand_height_m) == 1:
+            self._equilibrium = target
+            return
         duration, tau = (len(hand_height_m) - 1) * self._setup.sub_step_s, self._setup.config.static_lag_s
-        target = self._rest(after)
         ramp = (target - self._equilibrium) / duration
         behind = self._bend - self._equilibrium + tau * ramp
         left = behind * math.exp(-duration / tau)
         self._bend = target - tau * ramp + left
         self._rate = ramp - left / tau
-        self._actuation, self._equilibrium = after, target
+        self._equilibrium = target
 
     def state(self) -> TierState:
         setup, no_force = self._setup, np.zeros(3)

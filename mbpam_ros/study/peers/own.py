@@ -28,23 +28,23 @@ class OwnFreeBend:
 
     def __init__(self, problem: FingerProblem, modes: int, step_s: float) -> None:
         self._tier = RodTier(_setup(problem, modes, step_s, None, np.empty((0, 3))))
-        self._on = _actuation(problem)
-        self._step_s = step_s
+        self._on, self._step_s = _actuation(problem), step_s
+        self.reset()
 
     def reset(self) -> None:
         """Hang straight, at rest."""
-        self._tier.reset()
+        self._tier.reset(self._on)
 
     def advance(self, seconds: float) -> None:
         """Go on, all steps in one Python call."""
         still = np.zeros(round(seconds / self._step_s) + 1)
-        self._tier.step(self._on, self._on, still, still)
+        self._tier.step(self._on, still, still)
 
     def advance_singly(self, seconds: float) -> None:
         """Go on, one Python call a step."""
         still, on, step = np.zeros(2), self._on, self._tier.step
         for _ in range(round(seconds / self._step_s)):
-            step(on, on, still, still)
+            step(on, still, still)
 
     def tips_m(self) -> Array:
         """Return the tips, shape (4, 3)."""
@@ -65,18 +65,18 @@ class OwnGrasp:
         self._tier = RodTier(_setup(grasp.problem, modes, step_s, body, plane, grasp.friction))
         self._on, self._step_s, self._grasp = _actuation(grasp.problem), step_s, grasp
         self._height_m, self._rate_m_s = hand_motion(np.arange(round(GRASP_S / step_s) + 1, dtype=np.float64) * step_s)
-        self._done = 0
+        self.reset()
 
     def reset(self) -> None:
         """Open, hand down."""
-        self._tier.reset()
+        self._tier.reset(self._on)
         self._done = 0
 
     def advance(self, seconds: float) -> None:
         """Go on, all steps in one Python call."""
         first, self._done = self._done, self._done + round(seconds / self._step_s)
         ends = slice(first, self._done + 1)
-        self._tier.step(self._on, self._on, self._height_m[ends], self._rate_m_s[ends])
+        self._tier.step(self._on, self._height_m[ends], self._rate_m_s[ends])
 
     def rise_m(self) -> float:
         """Return how far the sphere has risen."""

@@ -31,9 +31,10 @@ def pressed(name, modes, moment, step_s=1e-3, duration_s=1.5, touch=True, body=N
     planes = NO_PLANES if body is None else STAND
     tier = build_tier(name, TierSetup(GEOMETRY, BASES, 9.81, step_s, body, planes, config, modes, touch))
     none, full = (Actuation(share * np.array(moment), np.full(4, STIFFNESS)) for share in (0.0, 1.0))
-    for before, length_s in ((none, 0.3), (full, duration_s)):
+    tier.reset(none)
+    for length_s in (0.3, duration_s):
         still = np.zeros(round(length_s / step_s) + 1)
-        tier.step(before, full, still, still)
+        tier.step(full, still, still)
     return tier
 
 
@@ -157,9 +158,10 @@ def test_fingers_that_close_at_once_stop_each_other(step_s):
     """Moments as of 100 kPa from one step to the next: tips give way by half a radius; to pass takes two."""
     tier = build_tier("rod", TierSetup(GEOMETRY, BASES, 9.81, step_s, None, NO_PLANES, CONFIG, 3, True))
     full = Actuation(opposite(0.045), np.full(4, STIFFNESS))
+    tier.reset(full)
     deepest = 0.0
     for _ in range(round(0.3 / step_s)):
-        tier.step(full, full, np.zeros(2), np.zeros(2))
+        tier.step(full, np.zeros(2), np.zeros(2))
         deepest = max(deepest, tier._parts.contacts.depth[: tier._parts.contacts.count[0]].max(initial=0.0))
     assert 0.0 < deepest < 0.7 * GEOMETRY.outer_radius_m
 
