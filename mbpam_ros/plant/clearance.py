@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mbpam_ros.actuator.design import MuscleGeometry
-from mbpam_ros.plant.shapes import SHAPE_CODES, signed_distance
+from mbpam_ros.geometry.surfaces import SHAPE_CODES, signed_distance
 from mbpam_ros.plant.tiers.base import RigidBody
 
 _SPACING_M = 0.001

@@ -15,13 +15,13 @@ from mbpam_ros.actuator.rod_law import RodLaw
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.errors import MbpamError
+from mbpam_ros.geometry.solids import half_height
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.clearance import finger_clearance_m
 from mbpam_ros.plant.fidelity import Tolerance
 from mbpam_ros.plant.lift import HandLift
 from mbpam_ros.plant.planner import planned_scene
 from mbpam_ros.plant.scene import Scene
-from mbpam_ros.plant.solids import half_height
 from mbpam_ros.plant.tiers.base import (
     Actuation,
     BodyState,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.errors import MbpamError
-from mbpam_ros.plant.contact_config import ContactConfig
+from mbpam_ros.plant.mechanics.contact_config import ContactConfig
 
 Array = NDArray[np.float64]
 

@@ -11,14 +11,25 @@ from functools import partial
 
 import numpy as np
 
-from mbpam_ros.plant import multibody
-from mbpam_ros.plant.composition import Composition
-from mbpam_ros.plant.contact import contact_table
-from mbpam_ros.plant.contact_search import BALLS, Surroundings, contact_limit
-from mbpam_ros.plant.multibody import State, System, advance, assemble, bind
-from mbpam_ros.plant.rod import Motion, build_rod, position_weights
-from mbpam_ros.plant.shapes import SHAPE_CODES
-from mbpam_ros.plant.solids import principal_inertia
+from mbpam_ros.geometry.solids import principal_inertia
+from mbpam_ros.geometry.surfaces import SHAPE_CODES
+from mbpam_ros.plant.mechanics.composition import Composition
+from mbpam_ros.plant.mechanics.contact_law import contact_table
+from mbpam_ros.plant.mechanics.contact_search import BALLS, Surroundings, contact_limit
+from mbpam_ros.plant.mechanics.rod import Motion, build_rod, position_weights
+from mbpam_ros.plant.mechanics.step import (
+    LARGEST_BEND_RAD,
+    NOT_FINITE,
+    NOT_SOLVED,
+    OK,
+    TOO_BENT,
+    TOO_FAST,
+    State,
+    System,
+    advance,
+    assemble,
+    bind,
+)
 from mbpam_ros.plant.tiers.base import (
     CENTRELINE_POINTS,
     Actuation,
@@ -40,16 +51,16 @@ _NO_STEP = np.zeros(1)
 _DAMPED_S, _UNDAMPED_SWEEPS = 1e-3, 30
 _FREE_MODES, _CONTACT_MODES, _FEWEST_SEGMENTS = 2, 3, 4
 _REASONS = {
-    multibody.NOT_FINITE: "a velocity is no longer finite",
-    multibody.TOO_FAST: "something moves faster than 5000 rad/s or 50 m/s",
-    multibody.TOO_BENT: f"a bend is beyond {np.degrees(multibody.LARGEST_BEND_RAD):.0f} deg",
-    multibody.NOT_SOLVED: "the contact equations were not solved",
+    NOT_FINITE: "a velocity is no longer finite",
+    TOO_FAST: "something moves faster than 5000 rad/s or 50 m/s",
+    TOO_BENT: f"a bend is beyond {np.degrees(LARGEST_BEND_RAD):.0f} deg",
+    NOT_SOLVED: "the contact equations were not solved",
 }
 _REMEDY = "use a smaller sub_step_s, a smaller contact stiffness, or a larger retardation_time_s or damping."
 
 
 class RodTier(Tier):
-    """Muscles in modes of curvature and one rigid body, advanced by :mod:`~mbpam_ros.plant.multibody`.
+    """Muscles in modes of curvature and one rigid body, advanced by :mod:`~mbpam_ros.plant.mechanics.step`.
 
     Raises:
         TierError: a number of modes that cannot be.
@@ -128,13 +139,13 @@ class RodTier(Tier):
         memory = self._memory.copy()
         answer, self.iterations = self._advance(hand_height_m, hand_velocity_m_s)
         self._shown = False
-        if answer != multibody.OK:
+        if answer != OK:
             self._memory[:] = memory
             moments[1], stiffnesses[1] = moments[0], stiffnesses[0]
             self._begin()
             remedy = _REMEDY.capitalize()
             bend = np.hypot(*actuation.moment_n_m.T) * self._setup.geometry.active_length_m / actuation.stiffness_n_m2
-            if answer == multibody.TOO_BENT and bend.max() > 0.5 * multibody.LARGEST_BEND_RAD:  # swings go twice as far
+            if answer == TOO_BENT and bend.max() > 0.5 * LARGEST_BEND_RAD:  # swings go twice as far
                 remedy = (
                     f"The air alone bends one by {np.degrees(bend.max()):.0f} deg: lower its pressure. Or {_REMEDY}"
                 )

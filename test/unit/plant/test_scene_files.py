@@ -7,10 +7,10 @@ import pytest
 import yaml
 
 from mbpam_ros.configuration import ConfigError, config_path, load_yaml
+from mbpam_ros.geometry.solids import half_height
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import SceneConfig, SupportConfig, load_objects, load_scene, scene_names
-from mbpam_ros.plant.solids import half_height
 
 
 def changed(tmp_path, **values):

@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
-from mbpam_ros.plant.bound import access, new_block
+from mbpam_ros.plant.mechanics.packed_arguments import access, new_block
 
 
 class Inner(NamedTuple):

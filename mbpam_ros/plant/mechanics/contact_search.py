@@ -16,10 +16,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mbpam_ros.plant.contact import Contacts
-from mbpam_ros.plant.finger_contact import Lines, append_finger_contacts
-from mbpam_ros.plant.rod import Motion, Rod, ball_jacobian, ball_position
-from mbpam_ros.plant.shapes import PLANE, REST_POINTS, rest_points, signed_distance
+from mbpam_ros.geometry.surfaces import PLANE, REST_POINTS, rest_points, signed_distance
+from mbpam_ros.plant.mechanics.contact_law import Contacts
+from mbpam_ros.plant.mechanics.finger_contact import Lines, append_finger_contacts
+from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position
 
 Array = NDArray[np.float64]
 

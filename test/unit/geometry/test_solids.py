@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mbpam_ros.plant.shapes import BOX, CYLINDER, REST_POINTS, SPHERE, rest_points, signed_distance
-from mbpam_ros.plant.solids import half_height, principal_inertia
+from mbpam_ros.geometry.solids import half_height, principal_inertia
+from mbpam_ros.geometry.surfaces import BOX, CYLINDER, REST_POINTS, SPHERE, rest_points, signed_distance
 
 SIZES = {"sphere": (0.06, 0.06, 0.06), "cylinder": (0.02, 0.02, 0.25), "box": (0.035, 0.12, 0.06)}
 LYING = np.array([-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # body z along world y

@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mbpam_ros.plant.contact import Contacts, contact_force, contact_slope
-from mbpam_ros.plant.contact_search import FINGER_SUPPORT
-from mbpam_ros.plant.finger_contact import FINGER_FINGER
+from mbpam_ros.plant.mechanics.contact_law import Contacts, contact_force, contact_slope
+from mbpam_ros.plant.mechanics.contact_search import FINGER_SUPPORT
+from mbpam_ros.plant.mechanics.finger_contact import FINGER_FINGER
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]

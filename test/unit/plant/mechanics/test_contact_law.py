@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from mbpam_ros.actuator.kinematics import centreline
+from mbpam_ros.geometry.surfaces import BOX, CYLINDER, SPHERE, signed_distance
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.contact import contact_force, contact_slope, contact_table
-from mbpam_ros.plant.contact_config import ContactConfig
-from mbpam_ros.plant.contact_search import (
+from mbpam_ros.plant.mechanics.contact_config import ContactConfig
+from mbpam_ros.plant.mechanics.contact_law import contact_force, contact_slope, contact_table
+from mbpam_ros.plant.mechanics.contact_search import (
     BALLS,
     FINGER_OBJECT,
     FINGER_SUPPORT,
@@ -16,11 +17,10 @@ from mbpam_ros.plant.contact_search import (
     _object_columns,
     contact_limit,
 )
-from mbpam_ros.plant.contact_solver import _hessian, _push, _relative, _residual, scratch
-from mbpam_ros.plant.finger_contact import FINGER_FINGER
-from mbpam_ros.plant.multibody import State, System, advance, assemble, bind
-from mbpam_ros.plant.rod import build_rod
-from mbpam_ros.plant.shapes import BOX, CYLINDER, SPHERE, signed_distance
+from mbpam_ros.plant.mechanics.contact_solver import _hessian, _push, _relative, _residual, scratch
+from mbpam_ros.plant.mechanics.finger_contact import FINGER_FINGER
+from mbpam_ros.plant.mechanics.rod import build_rod
+from mbpam_ros.plant.mechanics.step import State, System, advance, assemble, bind
 
 GEOMETRY = load_gripper().geometry
 ROD = build_rod(GEOMETRY, 1, 7, BALLS)

@@ -1,4 +1,4 @@
-"""Constants of a kind of contact; what they mean is in :mod:`~mbpam_ros.plant.contact`."""
+"""Constants of a kind of contact; what they mean is in :mod:`~mbpam_ros.plant.mechanics.contact_law`."""
 
 from __future__ import annotations
 

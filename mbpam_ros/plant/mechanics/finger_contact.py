@@ -1,7 +1,7 @@
 """Where fingers touch each other: appends to the table of contacts.
 
-Both muscles are swept spheres: the balls of :mod:`~mbpam_ros.plant.contact_search`, and the straight pieces of
-centreline between them. Each ball of one that overlaps the other is a contact at the nearest point of the other's
+Both muscles are swept spheres: the balls of :mod:`~mbpam_ros.plant.mechanics.contact_search`, and the straight pieces
+of centreline between them. Each ball of one that overlaps the other is a contact at the nearest point of the other's
 centreline, with half the weight; the balls of the other make the second half. So the force is spread along both, and
 exchanging the two muscles changes nothing. Depth is 2 R less the distance of the centrelines. A muscle does not touch
 itself.
@@ -19,8 +19,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mbpam_ros.plant.contact import Contacts
-from mbpam_ros.plant.rod import Motion, Rod, ball_jacobian, ball_position
+from mbpam_ros.plant.mechanics.contact_law import Contacts
+from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position
 
 Array = NDArray[np.float64]
 

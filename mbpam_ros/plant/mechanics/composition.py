@@ -23,8 +23,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mbpam_ros.plant.bound import Block
-from mbpam_ros.plant.multibody import OK, Array, Drive, Parts, advance, bind
+from mbpam_ros.plant.mechanics.packed_arguments import Block
+from mbpam_ros.plant.mechanics.step import OK, Array, Drive, Parts, advance, bind
 
 _OUTER = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
 SHARES = (_OUTER, _OUTER, 1.0 - 4.0 * _OUTER, _OUTER, _OUTER)
@@ -40,7 +40,7 @@ class Composition:
         self._shares = [bind(parts._replace(system=system._replace(step_s=s * system.step_s))) for s in SHARES]
 
     def advance(self, heights: Array, rates: Array) -> tuple[int, int]:
-        """Advance the state in place by all sub-steps, as :func:`mbpam_ros.plant.multibody.advance` does."""
+        """Advance the state in place by all sub-steps, as :func:`mbpam_ros.plant.mechanics.step.advance` does."""
         if len(heights) == 1:
             return advance(self._whole, heights, rates)
         drive = self._parts.drive

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import gravity_gradient_n_m
 from mbpam_ros.actuator.kinematics import centreline
-from mbpam_ros.plant.rod import (
+from mbpam_ros.plant.mechanics.rod import (
     ball_jacobian,
     ball_position,
     build_rod,

@@ -12,8 +12,8 @@ theta = 1/2 for a body that touches nothing (implicit midpoint, second order: M,
 the midpoint, which the first sweep finds and the second uses) and 1 for one in contact (first order, and damped where
 the penalty is stiff). Sweeps repeated until nothing changes give the implicit midpoint rule itself, which is symmetric
 in time: without damping energy swings by O(h^2) and does not drift (of fourth order it is made by
-:mod:`~mbpam_ros.plant.composition`). With damping the second sweep is the last: what a third one would change is less
-than the error of the step.
+:mod:`~mbpam_ros.plant.mechanics.composition`). With damping the second sweep is the last: what a third one would change
+is less than the error of the step.
 
 Stability: elastic, damping and contact terms are implicit, so neither k, eta nor the contact stiffness limits the
 step; gravity and velocity terms are explicit and ask for h sqrt(g / l) < 1 and h |dq/dt| < 1, which 10 ms meet.
@@ -37,9 +37,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mbpam_ros.plant.bound import Block, access, new_block
-from mbpam_ros.plant.contact import Contacts, contact_table
-from mbpam_ros.plant.contact_search import (
+from mbpam_ros.geometry import surfaces
+from mbpam_ros.plant.mechanics.contact_law import Contacts, contact_table
+from mbpam_ros.plant.mechanics.contact_search import (
     FINGER_OBJECT,
     FINGER_SUPPORT,
     OBJECT_PALM,
@@ -49,9 +49,10 @@ from mbpam_ros.plant.contact_search import (
     find_contacts,
     places,
 )
-from mbpam_ros.plant.contact_solver import Scratch, scratch, solve_contacts, solve_in_place
-from mbpam_ros.plant.finger_contact import FINGER_FINGER, Lines, fingers_near, lines
-from mbpam_ros.plant.rod import Motion, Rod, masses_and_loads, motion_at_rest, move_rods
+from mbpam_ros.plant.mechanics.contact_solver import Scratch, scratch, solve_contacts, solve_in_place
+from mbpam_ros.plant.mechanics.finger_contact import FINGER_FINGER, Lines, fingers_near, lines
+from mbpam_ros.plant.mechanics.packed_arguments import Block, access, new_block
+from mbpam_ros.plant.mechanics.rod import Motion, Rod, masses_and_loads, motion_at_rest, move_rods
 
 Array = NDArray[np.float64]
 
@@ -504,8 +505,9 @@ def _cached(
 
 def _source_digest() -> int:
     digest = 0
-    for source in sorted(Path(__file__).parent.glob("*.py")):
-        digest = zlib.crc32(source.read_bytes(), digest)
+    for folder in (Path(__file__).parent, Path(surfaces.__file__).parent):
+        for source in sorted(folder.glob("*.py")):
+            digest = zlib.crc32(source.read_bytes(), digest)
     return digest
 
 
