@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from mbpam_ros.actuator.design import MuscleGeometry
-from mbpam_ros.geometry.surfaces import SHAPE_CODES, signed_distance
+from mbpam_ros.geometry.rotations import rotation_matrix
+from mbpam_ros.geometry.solids import distance_m
 from mbpam_ros.plant.tiers.base import RigidBody
 
 _SPACING_M = 0.001
-_distance = getattr(signed_distance, "py_func", signed_distance)
-"""Not compiled: that would take longer than these few hundred points."""
 
 
 def finger_clearance_m(
@@ -22,13 +20,11 @@ def finger_clearance_m(
 
     A finger is its axis swept by a ball of its radius, up to its rounded tip; sought every millimetre along it.
     """
-    rotation = Rotation.from_quat(body.orientation_xyzw).as_matrix()
+    rotation = rotation_matrix(body.orientation_xyzw)
     end_m = geometry.length_m - geometry.outer_radius_m
     along = np.linspace(0.0, end_m, 1 + round(end_m / _SPACING_M))
-    half = 0.5 * np.asarray(body.size_m)
     clearance = np.empty(len(finger_base_m))
     for finger, base in enumerate(finger_base_m):
         points = (base + along[:, None] * [0.0, 0.0, 1.0] - body.position_m) @ rotation
-        distances = [_distance(SHAPE_CODES[body.shape], half, *point)[0] for point in points.tolist()]
-        clearance[finger] = min(distances) - geometry.outer_radius_m
+        clearance[finger] = distance_m(body.shape, body.size_m, points).min() - geometry.outer_radius_m
     return clearance

@@ -5,18 +5,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.configuration import ConfigError, config_directory, load_config, require_positive
+from mbpam_ros.geometry.rotations import about_z, product
+from mbpam_ros.geometry.solids import Shape
 from mbpam_ros.plant.fidelity import AUTO, Tolerance
 from mbpam_ros.plant.lift import LiftConfig
 
 PAPER_SCENES = ("tomato", "bulb", "banana", "tube", "carton")
 """Scenes of the paper's figure 10, in its order."""
+
+_Z_LAID_ALONG_Y = (-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
+"""Quarter turn about -x."""
 
 ALL_FINGERS = tuple(range(1, FINGER_COUNT + 1))
 """Numbers of the fingers."""
@@ -35,7 +39,7 @@ class ObjectSpec:
         expected_mode: the grasp mode the paper used, for reports only.
     """
 
-    shape: Literal["sphere", "cylinder", "box"]
+    shape: Shape
     size_m: tuple[float, float, float]
     mass_kg: float
     colour_rgb: tuple[float, float, float]
@@ -172,12 +176,10 @@ class Scene:
     @property
     def object_orientation_xyzw(self) -> NDArray[np.float64]:
         """Orientation of the object at the start, (4,): a cylinder lies along y turned by the yaw."""
-        half = 0.5 * self.config.object_yaw_rad
-        yaw_z, yaw_w = math.sin(half), math.cos(half)
+        yaw = about_z(self.config.object_yaw_rad)
         if self.object is None or self.object.shape != "cylinder":
-            return np.array([0.0, 0.0, yaw_z, yaw_w])
-        tilt = -math.sqrt(0.5)  # quarter turn about -x lays body z along y
-        return np.array([yaw_w * tilt, yaw_z * tilt, -yaw_z * tilt, -yaw_w * tilt])
+            return np.array(yaw)
+        return np.array(product(yaw, _Z_LAID_ALONG_Y))
 
 
 def scene_names() -> tuple[str, ...]:

@@ -37,7 +37,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mbpam_ros.geometry import surfaces
+from mbpam_ros.geometry import rotations, surfaces
 from mbpam_ros.plant.mechanics.contact_law import Contacts, contact_table
 from mbpam_ros.plant.mechanics.contact_search import (
     FINGER_OBJECT,
@@ -135,13 +135,15 @@ class Forces(NamedTuple):
     between: Array
 
 
+_rotation_rows, _product = njit(rotations.rotation_rows), njit(rotations.product)
+
+
 @njit
-def rotation_matrix(q: Array, r: Array) -> None:
+def write_rotation(q: Array, r: Array) -> None:
     """Write the rotation of the quaternion (x, y, z, w) into r (3, 3)."""
-    x, y, z, w = q[0], q[1], q[2], q[3]
-    r[0, 0], r[0, 1], r[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
-    r[1, 0], r[1, 1], r[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
-    r[2, 0], r[2, 1], r[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+    rows = _rotation_rows(q[0], q[1], q[2], q[3])
+    for i in range(3):
+        r[i, 0], r[i, 1], r[i, 2] = rows[i]
 
 
 @njit
@@ -149,12 +151,8 @@ def turned(q: Array, wx: float, wy: float, wz: float, result: Array) -> None:
     """Write exp((wx, wy, wz)) q, normalised, into ``result``; the turning vector is in the world frame."""
     angle = math.sqrt(wx * wx + wy * wy + wz * wz)
     scale = math.sin(0.5 * angle) / angle if angle > 1e-9 else 0.5
-    a, b, c, d = scale * wx, scale * wy, scale * wz, math.cos(0.5 * angle)
-    x, y, z, w = q[0], q[1], q[2], q[3]
-    rx = d * x + a * w + b * z - c * y
-    ry = d * y - a * z + b * w + c * x
-    rz = d * z + a * y - b * x + c * w
-    rw = d * w - a * x - b * y - c * z
+    turn = (scale * wx, scale * wy, scale * wz, math.cos(0.5 * angle))
+    rx, ry, rz, rw = _product(turn, (q[0], q[1], q[2], q[3]))
     norm = 1.0 / math.sqrt(rx * rx + ry * ry + rz * rz + rw * rw)
     result[0], result[1], result[2], result[3] = rx * norm, ry * norm, rz * norm, rw * norm
 
@@ -297,7 +295,7 @@ def _object_equations(
     wy = (1.0 - share) * start[n + 4] + share * state.velocity[n + 4]
     wz = (1.0 - share) * start[n + 5] + share * state.velocity[n + 5]
     turned(state.orientation, 0.5 * h * wx, 0.5 * h * wy, 0.5 * h * wz, middle)
-    rotation_matrix(middle, rotation)
+    write_rotation(middle, rotation)
     for i in range(3):
         a[n + i, n + i] = system.mass
         b[n + i] = system.mass * (start[n + i] + (h * system.gravity if i == 2 else 0.0))
@@ -371,7 +369,7 @@ def _may_touch(around: Surroundings) -> bool:
 def _touch(state: State, system: System, lift: float, hand_velocity: float, work: Work, contacts: Contacts) -> bool:
     """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
     muscles, coordinates, theta, first = state.shape.shape[0], contacts.coordinates, work.theta, work.equations.first
-    rotation_matrix(state.orientation, work.rotation)
+    write_rotation(state.orientation, work.rotation)
     find_contacts(
         system.bases, system.rod, work.motion, system.surroundings, state.position, work.rotation, lift, hand_velocity,
         work.spots, work.room_of_lines, contacts,

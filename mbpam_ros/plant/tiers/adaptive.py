@@ -12,9 +12,10 @@ import dataclasses
 import logging
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from mbpam_ros.plant.tiers.base import Actuation, Array, RigidBody, Tier, TierError, TierSetup, TierState
+from mbpam_ros.geometry.rotations import rotation_matrix
+from mbpam_ros.geometry.solids import distance_m
+from mbpam_ros.plant.tiers.base import Actuation, Array, Tier, TierError, TierSetup, TierState
 from mbpam_ros.plant.tiers.rod import RodTier
 
 LEAST_GAP_M = 0.004
@@ -127,23 +128,11 @@ class AdaptiveTier(Tier):
     def _object_place(self) -> tuple[Array, Array]:
         """Axes, in columns, and centre of the object in the world, shapes (3, 3) and (3,)."""
         body = self._contact.object_state()
-        return Rotation.from_quat(body.orientation_xyzw).as_matrix(), body.position_m
+        return rotation_matrix(body.orientation_xyzw), body.position_m
 
     def _gap_m(self, lines_m: Array, hand_height_m: float) -> float:
-        """Smallest distance of the muscles' surface from the object's; not right where they overlap, but negative."""
+        """Smallest distance of the muscles' surface from the object's; negative where they overlap."""
         centre = self._centre_m + (0.0, 0.0, hand_height_m)  # in gripper_base
         points = (lines_m.reshape(-1, 3) - centre) @ self._turn
-        return float(outside_distance_m(self._body, points).min()) - self._setup.geometry.outer_radius_m
-
-
-def outside_distance_m(body: RigidBody, points_m: Array) -> Array:
-    """Return the distances (n,) of points (n, 3) in the body's frame from its surface; 0 inside."""
-    half = 0.5 * np.array(body.size_m)
-    if body.shape == "sphere":
-        distance: Array = np.maximum(np.linalg.norm(points_m, axis=1) - half[0], 0.0)
-    elif body.shape == "cylinder":
-        aside = np.hypot(points_m[:, 0], points_m[:, 1]) - half[0]
-        distance = np.hypot(np.maximum(aside, 0.0), np.maximum(np.abs(points_m[:, 2]) - half[2], 0.0))
-    else:
-        distance = np.linalg.norm(np.maximum(np.abs(points_m) - half, 0.0), axis=1)
-    return distance
+        gap_m = distance_m(self._body.shape, self._body.size_m, points).min() - self._setup.geometry.outer_radius_m
+        return float(gap_m)

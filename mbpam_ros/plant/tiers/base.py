@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.errors import MbpamError
+from mbpam_ros.geometry.solids import Shape
 from mbpam_ros.plant.mechanics.contact_config import ContactConfig
 
 Array = NDArray[np.float64]
@@ -59,7 +60,7 @@ class PlantConfig:
 class RigidBody:
     """A free solid and where and how fast it starts, world frame."""
 
-    shape: str
+    shape: Shape
     size_m: tuple[float, float, float]
     mass_kg: float
     position_m: Array

@@ -11,8 +11,7 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import Tolerance
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
-from mbpam_ros.plant.tiers.adaptive import outside_distance_m
-from mbpam_ros.plant.tiers.base import RigidBody, TierError
+from mbpam_ros.plant.tiers.base import TierError
 
 GRIPPER = load_gripper()
 L = GRIPPER.geometry.active_length_m
@@ -130,19 +129,3 @@ def test_a_reset_gives_the_same_bits_again():
 def test_modes_of_the_air_are_refused_where_they_mean_nothing(name, tier):
     with pytest.raises(TierError, match="air_modes"):
         plant_of(name, tier)
-
-
-@pytest.mark.parametrize("shape", ["sphere", "cylinder", "box"])
-def test_distances_are_those_of_the_nearest_of_many_points_of_the_surface(shape):
-    size = {"sphere": (0.06,) * 3, "cylinder": (0.03, 0.03, 0.1), "box": (0.04, 0.06, 0.1)}[shape]
-    half = 0.5 * np.array(size)
-    rng = np.random.default_rng(1)
-    inside = rng.uniform(-half, half, size=(400_000, 3))
-    if shape != "box":
-        around = inside[:, : 3 if shape == "sphere" else 2]
-        inside = inside[np.linalg.norm(around, axis=1) <= half[0]]
-    points = rng.uniform(-0.1, 0.1, size=(8, 3))
-    points = points[np.abs(points).max(axis=1) > 0.055]
-    sought = [np.linalg.norm(inside - point, axis=1).min() for point in points]
-    body = RigidBody(shape, size, 1.0, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
-    np.testing.assert_allclose(outside_distance_m(body, points), sought, atol=0.002)
