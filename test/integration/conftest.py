@@ -126,7 +126,7 @@ class Graph:
 def compiled_plant() -> None:
     """Have the simulated plant compiled: on a fresh machine that takes longer than a test waits."""
     for scene in ("bulb", "empty"):
-        build_plant(load_scene(scene), load_gripper()).step([0.0] * 16, 0.01)
+        build_plant(*load_scene(scene), load_gripper()).step([0.0] * 16, 0.01)
 
 
 @pytest.fixture

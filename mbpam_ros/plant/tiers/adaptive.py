@@ -15,6 +15,7 @@ import numpy as np
 
 from mbpam_ros.geometry.rotations import rotation_matrix
 from mbpam_ros.geometry.solids import distance_m
+from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.tiers.base import Actuation, Array, Tier, TierError, TierSetup, TierState
 from mbpam_ros.plant.tiers.rod import RodTier
 
@@ -39,17 +40,18 @@ class AdaptiveTier(Tier):
     Args:
         air: the muscles alone.
         contact: the muscles, the object and all that they may touch.
-        setup: of ``contact``.
+        setup, fidelity: of ``contact``.
 
     Raises:
         TierError: there is no object.
     """
 
-    def __init__(self, air: RodTier, contact: RodTier, setup: TierSetup) -> None:
+    def __init__(self, air: RodTier, contact: RodTier, setup: TierSetup, fidelity: Fidelity) -> None:
         if setup.body is None:
             raise TierError("a number of modes that changes is for a scene with an object")
         self._air, self._contact = air, contact
-        self._setup, self._body = setup, setup.body
+        self._setup, self._body, self._sub_step_s = setup, setup.body, fidelity.sub_step_s
+        self._largest_jump_m = 1e-2 * fidelity.largest_jump_pct * setup.geometry.active_length_m
 
     @property
     def in_contact_tier(self) -> bool:
@@ -64,7 +66,7 @@ class AdaptiveTier(Tier):
         self._turn, self._centre_m = self._object_place()
 
     def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        duration_s = (len(hand_height_m) - 1) * self._setup.sub_step_s
+        duration_s = (len(hand_height_m) - 1) * self._sub_step_s
         if self._time_s >= self._look_s:
             look = self._look_down if self.in_contact_tier else self._look_up
             look(duration_s, hand_height_m, hand_velocity_m_s)
@@ -108,7 +110,7 @@ class AdaptiveTier(Tier):
         tier.take_over(self._active)
         jump_m = float(np.linalg.norm(tier.centreline_m()[:, -1] - lines[:, -1], axis=1).max())
         up = tier is self._contact
-        if not up and jump_m > self._setup.largest_jump_m:
+        if not up and jump_m > self._largest_jump_m:
             return
         _log.info(
             "at %.3f s, the object %.1f mm from the nearest finger: %s to %d modes a plane; the tips moved by %.4f mm",

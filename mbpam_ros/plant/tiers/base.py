@@ -71,37 +71,25 @@ class RigidBody:
 
 @dataclass(frozen=True)
 class TierSetup:
-    """All a tier is told once.
+    """What there is for a tier to move, and what it may touch.
 
     Args:
         geometry: of the muscles.
         finger_base_m: clamp points in ``gripper_base``, shape (4, 3), or of fewer muscles.
         gravity_m_s2: along +z of the world.
-        sub_step_s: step of the computation.
         body: the object, or none.
         planes_m: rows (depth, half size x, half size y) of level supports; an endless one has infinite half sizes.
         config: constants of muscles and contacts.
-        modes: modes of curvature a plane, for the tier ``rod``; none for its own choice.
         fingers_touch: whether muscles touch each other; otherwise they pass through each other.
-        air_modes: those while the object is out of reach; none for always ``modes``.
-        largest_jump_m: what a tip may move by when the number of modes changes.
-        moving_fingers: numbers of the muscles that are computed; none for all.
-        contact: whether anything touches; otherwise the object stays where it starts.
     """
 
     geometry: MuscleGeometry
     finger_base_m: Array
     gravity_m_s2: float
-    sub_step_s: float
     body: RigidBody | None
     planes_m: Array
     config: PlantConfig
-    modes: int | None = None
     fingers_touch: bool = False
-    air_modes: int | None = None
-    largest_jump_m: float = 0.0
-    moving_fingers: tuple[int, ...] | None = None
-    contact: bool = True
 
 
 @dataclass(frozen=True)

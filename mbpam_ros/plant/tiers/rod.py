@@ -13,6 +13,7 @@ import numpy as np
 
 from mbpam_ros.geometry.solids import principal_inertia
 from mbpam_ros.geometry.surfaces import SHAPE_CODES
+from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.mechanics.composition import Composition
 from mbpam_ros.plant.mechanics.contact_law import contact_table
 from mbpam_ros.plant.mechanics.contact_search import BALLS, Surroundings, contact_limit
@@ -49,7 +50,7 @@ _NO_STEP = np.zeros(1)
 """Of the hand's motion: its start only."""
 
 _DAMPED_S, _UNDAMPED_SWEEPS = 1e-3, 30
-_FREE_MODES, _CONTACT_MODES, _FEWEST_SEGMENTS = 2, 3, 4
+_FEWEST_SEGMENTS = 4
 _REASONS = {
     NOT_FINITE: "a velocity is no longer finite",
     TOO_FAST: "something moves faster than 5000 rad/s or 50 m/s",
@@ -66,15 +67,14 @@ class RodTier(Tier):
         TierError: a number of modes that cannot be.
     """
 
-    name = "rod"
-
-    def __init__(self, setup: TierSetup) -> None:
-        self._setup = setup
+    def __init__(self, setup: TierSetup, fidelity: Fidelity) -> None:
+        self._setup, self._fidelity, modes = setup, fidelity, fidelity.modes
+        if not 1 <= modes <= MOST_MODES:
+            raise TierError(f"tier 'rod' has 1 to {MOST_MODES} modes a plane, found modes = {modes}")
         config, body = setup.config, setup.body
         planes = np.ascontiguousarray(setup.planes_m, dtype=float)
         # A table out of reach of a muscle that hangs straight is out of reach of all.
         table_in_reach = bool(len(planes) and planes[-1, 0] < setup.geometry.length_m)
-        modes = self._modes(may_touch=body is not None or table_in_reach)
         segments = max(_FEWEST_SEGMENTS, modes + 2)
         kinds = (
             config.finger_object,
@@ -88,7 +88,7 @@ class RodTier(Tier):
             shape, half, mass = SHAPE_CODES[body.shape], 0.5 * np.array(body.size_m), body.mass_kg
             inertia = principal_inertia(body.shape, body.size_m, body.mass_kg)
         system = System(
-            step_s=setup.sub_step_s,
+            step_s=fidelity.sub_step_s,
             sweeps=2 if config.retardation_time_s >= _DAMPED_S else _UNDAMPED_SWEEPS,
             gravity=setup.gravity_m_s2,
             bases=np.ascontiguousarray(setup.finger_base_m),
@@ -110,14 +110,6 @@ class RodTier(Tier):
         self._advance = partial(advance, bind(self._parts)) if damped else Composition(self._parts).advance
         along = np.linspace(0.0, setup.geometry.length_m, CENTRELINE_POINTS)
         self._line_weights = position_weights(setup.geometry, segments, along)
-
-    def _modes(self, may_touch: bool) -> int:
-        modes = self._setup.modes
-        if modes is None:
-            return _CONTACT_MODES if may_touch else _FREE_MODES
-        if not 1 <= modes <= MOST_MODES:
-            raise TierError(f"tier 'rod' has 1 to {MOST_MODES} modes a plane, found modes = {modes}")
-        return modes
 
     def reset(self, actuation: Actuation) -> None:
         body, state, drive = self._setup.body, self._parts.state, self._parts.drive
@@ -149,14 +141,13 @@ class RodTier(Tier):
                 remedy = (
                     f"The air alone bends one by {np.degrees(bend.max()):.0f} deg: lower its pressure. Or {_REMEDY}"
                 )
-            raise PlantDivergedError(
-                f"tier {self.name!r} at a sub-step of {self._setup.sub_step_s:g} s: {_REASONS[answer]}. {remedy}"
-            )
+            where = f"tier {self._fidelity.tier!r} at a sub-step of {self._fidelity.sub_step_s:g} s"
+            raise PlantDivergedError(f"{where}: {_REASONS[answer]}. {remedy}")
 
     @property
     def modes(self) -> int:
         """Modes of curvature a plane."""
-        return self._coordinates // (2 * self._fingers)
+        return self._fidelity.modes
 
     def take_over(self, other: RodTier) -> None:
         """Go on with the muscles of another tier, and what acts on them: modes it does not have are zero, more dropped.
@@ -227,15 +218,6 @@ class RodTier(Tier):
         if not self._shown:
             self._show()
         return self._parts.motion
-
-
-class ArcTier(RodTier):
-    """Constant curvature: one mode."""
-
-    name = "arc"
-
-    def _modes(self, may_touch: bool) -> int:
-        return 1
 
 
 def tip_bend(tangent: Array, rate: Array, added_up_rad: Array) -> tuple[Array, Array]:

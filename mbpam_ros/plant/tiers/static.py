@@ -8,6 +8,7 @@ import numpy as np
 
 from mbpam_ros.actuator.equilibrium import hanging_bend
 from mbpam_ros.actuator.kinematics import centreline
+from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.tiers.base import CENTRELINE_POINTS, Actuation, Array, Tier, TierError, TierSetup, TierState
 
 
@@ -21,10 +22,10 @@ class StaticTier(Tier):
         TierError: the setup holds an object.
     """
 
-    def __init__(self, setup: TierSetup) -> None:
+    def __init__(self, setup: TierSetup, fidelity: Fidelity) -> None:
         if setup.body is not None:
             raise TierError("tier 'static' cannot move an object: use tier 'arc' or 'rod', or no object")
-        self._setup = setup
+        self._setup, self._sub_step_s = setup, fidelity.sub_step_s
 
     def reset(self, actuation: Actuation) -> None:
         self._equilibrium = self._rest(actuation)
@@ -35,7 +36,7 @@ class StaticTier(Tier):
         if len(hand_height_m) == 1:
             self._equilibrium = target
             return
-        duration, tau = (len(hand_height_m) - 1) * self._setup.sub_step_s, self._setup.config.static_lag_s
+        duration, tau = (len(hand_height_m) - 1) * self._sub_step_s, self._setup.config.static_lag_s
         ramp = (target - self._equilibrium) / duration
         behind = self._bend - self._equilibrium + tau * ramp
         left = behind * math.exp(-duration / tau)

@@ -8,7 +8,7 @@ import pytest
 
 from mbpam_ros.grasp.modes import load_modes
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.fidelity import Tolerance
+from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
 from mbpam_ros.plant.tiers.base import TierError
@@ -20,16 +20,10 @@ CLOSED = load_modes()["envelope"].setpoints(80e3)
 OPEN = np.zeros(16)
 
 
-def plant_of(name="bulb", tier="rod", air_modes=2, modes=4, static_pct=5.0, **changes):
-    scene = load_scene(name)
-    values = {
-        "tier": tier,
-        "modes": modes if tier == "rod" else None,
-        "air_modes": air_modes,
-        "tolerance": Tolerance(static_pct=static_pct),
-    }
-    config = dataclasses.replace(scene.config, **values, **changes)
-    return build_plant(dataclasses.replace(scene, config=config), GRIPPER)
+def plant_of(name="bulb", tier="rod", air_modes=2, modes=4, static_pct=5.0, pneumatics=None, **changes):
+    scene, _ = load_scene(name)
+    how = Fidelity(tier, modes if tier == "rod" else 1, 0.002, pneumatics, air_modes, largest_jump_pct=static_pct)
+    return build_plant(dataclasses.replace(scene, **changes), how, GRIPPER)
 
 
 def drive(plant, target_pa, duration_s):
@@ -78,7 +72,7 @@ def test_what_it_computes_is_what_the_modes_of_contact_compute():
 def test_a_resting_object_stays_where_it_is_and_on_its_support_while_out_of_reach():
     plant = plant_of()
     seen = drive(plant, OPEN, 0.5)[-1]
-    weight_n = load_scene("bulb").object.mass_kg * 9.81
+    weight_n = load_scene("bulb")[0].object.mass_kg * 9.81
     assert seen.support_force_n[2] == pytest.approx(-weight_n, rel=0.01)
     before = seen.object_in_world.position_m
     plant.lift()
@@ -98,7 +92,7 @@ def test_an_object_that_falls_is_computed_until_it_rests(caplog):
 @pytest.mark.parametrize(("static_pct", "changes"), [(1e-4, 0), (10.0, 1)])
 def test_it_does_not_step_down_where_the_tips_would_jump_by_more_than_is_allowed(caplog, static_pct, changes):
     caplog.set_level(logging.INFO)
-    deep = dataclasses.replace(load_scene("bulb").config.support, depth_m=0.43)
+    deep = dataclasses.replace(load_scene("bulb")[0].support, depth_m=0.43)
     plant = plant_of(air_modes=1, static_pct=static_pct, object_position_m=(0.0, 0.0, 0.4), support=deep)
     drive(plant, CLOSED, 1.0)
     assert len(messages(caplog)) == changes
@@ -108,7 +102,7 @@ def test_it_does_not_step_down_where_the_tips_would_jump_by_more_than_is_allowed
 def test_however_fast_the_fingers_close_the_plant_steps_up_before_they_touch(caplog, waited_s):
     caplog.set_level(logging.INFO)
     plant = plant_of(pneumatics="ideal", object_position_m=(0.0, 0.0, 0.105),
-                     support=dataclasses.replace(load_scene("bulb").config.support, depth_m=0.135))  # fmt: skip
+                     support=dataclasses.replace(load_scene("bulb")[0].support, depth_m=0.135))  # fmt: skip
     drive(plant, OPEN, waited_s)
     drive(plant, 1.5 * CLOSED, 0.5)
     up = [text for text in messages(caplog) if "up to" in text]

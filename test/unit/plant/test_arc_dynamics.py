@@ -9,6 +9,7 @@ import pytest
 from mbpam_ros.actuator.equilibrium import gravity_energy_j, gravity_stiffness_n_m, hanging_bend
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, PlantDivergedError, RigidBody, TierSetup
 from mbpam_ros.plant.tiers.registry import build_tier
 
@@ -28,7 +29,7 @@ NO_PLANES = np.empty((0, 3))
 
 
 def tier(step_s, body=None, planes=NO_PLANES, config=CONFIG, gravity=9.81, bases=GRIPPER.finger_base_m):
-    built = build_tier("arc", TierSetup(GEOMETRY, bases, gravity, step_s, body, planes, config))
+    built = build_tier(TierSetup(GEOMETRY, bases, gravity, body, planes, config), Fidelity("arc", 1, step_s))
     built.reset(actuation([0.0, 0.0]))
     return built
 

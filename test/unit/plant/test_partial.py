@@ -15,9 +15,8 @@ ONE_AND_THREE = np.repeat([1.0, 0.0, 1.0, 0.0], 4) * np.tile([1.0, 0.2, 0.0, 0.0
 
 
 def plant_of(name, fingers, **changes):
-    scene = load_scene(name)
-    config = dataclasses.replace(scene.config, moving_fingers=fingers, **changes)
-    return build_plant(dataclasses.replace(scene, config=config), GRIPPER)
+    scene, request = load_scene(name)
+    return build_plant(scene, dataclasses.replace(request, moving_fingers=fingers, **changes), GRIPPER)
 
 
 @pytest.mark.parametrize("tier", ["static", "arc", "rod"])

@@ -9,6 +9,7 @@ from scipy.integrate import solve_bvp
 from mbpam_ros.actuator.equilibrium import hanging_bend
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.tiers.base import (
     Actuation,
     PlantConfig,
@@ -32,8 +33,8 @@ MOMENTS = np.array([[0.04, 0.0], [0.0, -0.02], [0.01, 0.03], [0.0, 0.0]])
 
 
 def tier(modes, step_s, name="rod", body=None, planes=NO_PLANES, config=CONFIG, gravity=9.81):
-    setup = TierSetup(GEOMETRY, GRIPPER.finger_base_m, gravity, step_s, body, planes, config, modes)
-    built = build_tier(name, setup)
+    setup = TierSetup(GEOMETRY, GRIPPER.finger_base_m, gravity, body, planes, config)
+    built = build_tier(setup, Fidelity(name, modes, step_s))
     built.reset(actuation([0.0, 0.0]))
     return built
 
@@ -99,7 +100,7 @@ def test_the_resting_tip_converges_with_the_number_of_modes():
 
 
 def test_one_mode_comes_to_rest_at_the_closed_form_of_constant_curvature_and_is_the_tier_arc():
-    rod, arc = at_rest(modes=1), at_rest(modes=None, name="arc")
+    rod, arc = at_rest(modes=1), at_rest(modes=1, name="arc")
     np.testing.assert_allclose(rod.state().bend_rad, hanging_bend(MOMENTS, np.full(4, STIFFNESS), GEOMETRY), atol=1e-5)
     np.testing.assert_array_equal(rod.state().centreline_m, arc.state().centreline_m)
 
@@ -256,8 +257,8 @@ def test_without_damping_bends_beyond_a_turn_end_finite_or_in_a_typed_error(step
     """0.12 N m wind the muscle up by 460 deg at rest, and up to twice that when it swings."""
     feather = dataclasses.replace(GEOMETRY, mass_per_length_kg_m=0.01 * GEOMETRY.mass_per_length_kg_m)
     for geometry in (GEOMETRY, feather):
-        setup = TierSetup(geometry, GRIPPER.finger_base_m, 9.81, step_s, None, NO_PLANES, UNDAMPED, 3)
-        rod, push = build_tier("rod", setup), actuation(strength_n_m * INWARD + [[0.0, 0.01]])
+        setup = TierSetup(geometry, GRIPPER.finger_base_m, 9.81, None, NO_PLANES, UNDAMPED)
+        rod, push = build_tier(setup, Fidelity("rod", 3, step_s)), actuation(strength_n_m * INWARD + [[0.0, 0.01]])
         rod.reset(push)
         try:
             for _ in range(5):

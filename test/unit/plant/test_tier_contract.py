@@ -7,6 +7,7 @@ import pytest
 
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, PlantDivergedError, RigidBody, TierSetup
 from mbpam_ros.plant.tiers.registry import build_tier
 
@@ -17,26 +18,27 @@ INWARD = -GRIPPER.finger_base_m[:, :2] / np.linalg.norm(GRIPPER.finger_base_m[:,
 BULB = RigidBody("sphere", (0.06,) * 3, 0.046, np.array([0.0, 0.0, 0.085]), np.array([0.0, 0.0, 0.0, 1.0]))
 STAND = np.array([[0.115, 0.01, 0.01], [0.315, np.inf, np.inf]])
 STEP_S = 2e-3
+GRASP = {"body": BULB, "planes_m": STAND}
 TIERS = {
-    "static": ("static", {}),
-    "arc": ("arc", {}),
-    "rod": ("rod", {"modes": 3}),
-    "rod, undamped": ("rod", {"modes": 2, "config": UNDAMPED}),
-    "adaptive": ("rod", {"modes": 3, "air_modes": 2, "body": BULB, "planes_m": STAND}),
-    "some fingers": ("rod", {"modes": 2, "moving_fingers": (3, 1)}),
-    "no contact": ("arc", {"contact": False, "body": BULB, "planes_m": STAND}),
+    "static": ({}, Fidelity("static", 1, STEP_S)),
+    "arc": ({}, Fidelity("arc", 1, STEP_S)),
+    "rod": ({}, Fidelity("rod", 3, STEP_S)),
+    "rod, undamped": ({"config": UNDAMPED}, Fidelity("rod", 2, STEP_S)),
+    "adaptive": (GRASP, Fidelity("rod", 3, STEP_S, air_modes=2)),
+    "some fingers": ({}, Fidelity("rod", 2, STEP_S, moving_fingers=(3, 1))),
+    "no contact": (GRASP, Fidelity("arc", 1, STEP_S, contact=False)),
 }
 
 
 def tier_of(case):
-    name, changes = TIERS[case]
-    setup = TierSetup(GRIPPER.geometry, GRIPPER.finger_base_m, 9.81, STEP_S, None, np.empty((0, 3)), CONFIG)
-    return build_tier(name, dataclasses.replace(setup, **changes))
+    there, fidelity = TIERS[case]
+    setup = TierSetup(GRIPPER.geometry, GRIPPER.finger_base_m, 9.81, None, np.empty((0, 3)), CONFIG)
+    return build_tier(dataclasses.replace(setup, **there), fidelity)
 
 
 def inward(case, strength_n_m):
     """Moments of the fingers that move."""
-    moving = np.isin([[1], [2], [3], [4]], TIERS[case][1].get("moving_fingers", (1, 2, 3, 4)))
+    moving = np.isin([[1], [2], [3], [4]], TIERS[case][1].moving_fingers)
     return Actuation(np.where(moving, strength_n_m * INWARD, 0.0), np.full(4, 1.5e-3))
 
 
