@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 import time
 from typing import TYPE_CHECKING
@@ -126,7 +125,7 @@ class PlantNode(GripperNode):
     def _load_scene(self) -> tuple[Scene, Fidelity]:
         scene, request = load_scene(self.text("scene"))
         if self.text("tier"):
-            request = dataclasses.replace(request, tier=self.text("tier"))
+            request = request.in_tier(self.text("tier"))
         tick_s = 1.0 / self.number("rate_hz")
         fidelity = choose_fidelity(scene, request, self._gripper.geometry.length_m, tick_s)
         ratio = tick_s / fidelity.sub_step_s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,6 +97,12 @@ class FidelityRequest:
             require_positive(self, "sub_step_s")
         if self.moving_fingers is not None:
             _require_fingers(self.moving_fingers)
+
+    def in_tier(self, tier: str) -> FidelityRequest:
+        """Return the request in another tier; numbers of modes are given up where that takes none."""
+        if tier in ("rod", AUTO):
+            return dataclasses.replace(self, tier=tier)
+        return dataclasses.replace(self, tier=tier, modes=None, air_modes=None)
 
 
 def _require_fingers(moving: tuple[int, ...]) -> None:

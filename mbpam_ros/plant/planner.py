@@ -33,7 +33,8 @@ SAME_COST = 1.1
 """Costs within this factor count as equal: medians of process times repeat no better."""
 
 _PARTS = ("pneumatics", "tier", "modes", "sub_step_s")
-_FREE_MODES, _CONTACT_MODES = 2, 3
+FREE_MODES, CONTACT_MODES = 2, 3
+"""Of a rod for which nothing else is decided, in the air and where there may be contact."""
 
 
 class PlanError(ConfigError):
@@ -143,7 +144,7 @@ def choose_fidelity(
     contact, modes = request.contact is not False, request.modes
     if modes is None:
         in_contact = contact and may_touch(scene, finger_length_m)
-        modes = 1 if request.tier != "rod" else _CONTACT_MODES if in_contact else _FREE_MODES
+        modes = 1 if request.tier != "rod" else CONTACT_MODES if in_contact else FREE_MODES
     chosen = Fidelity(request.tier, modes, request.sub_step_s, request.pneumatics, request.air_modes)
     return _with_what_is_not_measured(chosen, request)
 

@@ -22,7 +22,7 @@ def test_the_loops_close_with_every_named_design_and_the_same_run_gives_the_same
     gripper = dataclasses.replace(load_gripper(), design=load_design(design))
 
     def run():
-        simulation = Simulation(load_scene("bulb"), gripper)
+        simulation = Simulation(*load_scene("bulb"), gripper)
         simulation.run(0.1)
         assert simulation.grasp().accepted
         simulation.run(1.0)

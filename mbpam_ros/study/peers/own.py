@@ -8,6 +8,7 @@ import numpy as np
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.configuration import load_config
+from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, RigidBody, TierSetup
 from mbpam_ros.plant.tiers.rod import RodTier
 from mbpam_ros.study.peers.grasp import GRASP_S, Grasp, hand_motion
@@ -27,7 +28,7 @@ class OwnFreeBend:
     """Tier ``rod`` with a number of modes and a step."""
 
     def __init__(self, problem: FingerProblem, modes: int, step_s: float) -> None:
-        self._tier = RodTier(_setup(problem, modes, step_s, None, np.empty((0, 3))))
+        self._tier = RodTier(_setup(problem, None, np.empty((0, 3))), Fidelity("rod", modes, step_s))
         self._on, self._step_s = _actuation(problem), step_s
         self.reset()
 
@@ -62,7 +63,7 @@ class OwnGrasp:
         plane = np.array(
             [[grasp.depth_m + grasp.radius_m, grasp.stand_half_m, grasp.stand_half_m], [1.0, np.inf, np.inf]]
         )
-        self._tier = RodTier(_setup(grasp.problem, modes, step_s, body, plane, grasp.friction))
+        self._tier = RodTier(_setup(grasp.problem, body, plane, grasp.friction), Fidelity("rod", modes, step_s))
         self._on, self._step_s, self._grasp = _actuation(grasp.problem), step_s, grasp
         self._height_m, self._rate_m_s = hand_motion(np.arange(round(GRASP_S / step_s) + 1, dtype=np.float64) * step_s)
         self.reset()
@@ -103,15 +104,12 @@ def _actuation(problem: FingerProblem) -> Actuation:
     return Actuation(problem.moment_n_m * problem.inward, np.full(FINGER_COUNT, problem.stiffness_n_m2))
 
 
-def _setup(
-    problem: FingerProblem, modes: int, step_s: float, body: RigidBody | None, planes: Array, friction: float = 0.6
-) -> TierSetup:
+def _setup(problem: FingerProblem, body: RigidBody | None, planes: Array, friction: float = 0.6) -> TierSetup:
     config = load_config(PlantConfig, "plant.yaml")
     return TierSetup(
         geometry=problem.geometry,
         finger_base_m=problem.base_m,
         gravity_m_s2=problem.gravity_m_s2,
-        sub_step_s=step_s,
         body=body,
         planes_m=planes,
         config=replace(
@@ -119,5 +117,4 @@ def _setup(
             retardation_time_s=problem.retardation_s,
             finger_object=replace(config.finger_object, friction_coefficient=friction),
         ),
-        modes=modes,
     )

@@ -253,6 +253,12 @@ def test_what_asks_for_no_step_is_planned():
     assert choose_fidelity(BULB, FidelityRequest("arc", pneumatics="lag"), LENGTH_M).tier == "arc"
 
 
+def test_modes_of_curvature_are_given_up_where_another_tier_takes_none():
+    asked = FidelityRequest("rod", 0.002, modes=4, air_modes=2)
+    assert asked.in_tier("arc") == FidelityRequest("arc", 0.002)
+    assert asked.in_tier("auto") == dataclasses.replace(asked, tier="auto")
+
+
 def test_only_tier_auto_may_leave_the_step_open(tmp_path):
     with pytest.raises(ConfigError, match="only tier auto chooses one"):
         changed(tmp_path, sub_step_s=None)

@@ -1,7 +1,7 @@
-"""``python -m mbpam_ros.nodes.first_grasps``: how long the valves are left alone in the first grasp after a start.
+"""How long the valves are left alone in the first grasp after a start.
 
 Starts ``bringup`` without its camera over and over, grasps once each time, and prints the longest pause between two
-valve commands from the call of the service to the held object. ``--busy N`` keeps N other processes at full load beside
+valve commands from the call of the service to the held object. "--busy N" keeps N other processes at full load beside
 it. Figures are measured, never asserted: the exit code is 0 whatever they are.
 """
 
@@ -16,15 +16,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from mbpam_ros.nodes.system import NodeProcesses, NodeSystemError, Operator, exit_on_stop_signals  # isort: skip
+from mbpam_ros.commands.system import NodeProcesses, Operator, exit_on_stop_signals  # isort: skip
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
 from domain_coordinator import domain_id
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool, Trigger
 
-from mbpam_ros.nodes.bench import machine
-from mbpam_ros.nodes.runtime import LATCHED, NEWEST
+from mbpam_ros.commands.bench import machine
+from mbpam_ros.nodes.runtime import NEWEST
 
 START_S = 180.0
 WAIT_S = 20.0
@@ -52,20 +50,15 @@ def first_grasp(logs: Path) -> FirstGrasp:
     """
     with domain_id() as domain, _operated_bringup(logs, domain) as operator:
         commanded_s: list[float] = []
-        state: dict[str, str] = {}
-        subscribe = operator.node.create_subscription
-        subscribe(JointState, "valve_commands", lambda _: commanded_s.append(time.monotonic()), NEWEST)
-        subscribe(DiagnosticStatus, "grasp_state", lambda m: state.update({i.key: i.value for i in m.values}), LATCHED)
+        operator.node.create_subscription(
+            JointState, "valve_commands", lambda _: commanded_s.append(time.monotonic()), NEWEST
+        )
         operator.wait_for_nodes(timeout_s=START_S)
-        operator.call(SetBool, "valve_controller/enable", SetBool.Request(data=True))
-        ready = lambda: operator.health["/grasp_arbiter"][0] == DiagnosticStatus.OK  # noqa: E731
-        operator.wait_for(ready, WAIT_S, "the arbiter's readiness")
+        operator.enable(WAIT_S)
         operator.wait_for(lambda: len(commanded_s) > 100, WAIT_S, "a hundred valve commands")
         before = len(commanded_s) - 1
-        operator.call(Trigger, "grasp/envelope", timeout_s=WAIT_S)
-        operator.wait_for(lambda: state.get("phase") in ("holding", "fault"), WAIT_S, "the end of the grasp")
-        pause_s = float(np.diff(commanded_s[before:]).max())
-        return FirstGrasp(pause_s, "held" if state["phase"] == "holding" else state["reason"])
+        fault = operator.close_fingers(timeout_s=WAIT_S)
+        return FirstGrasp(float(np.diff(commanded_s[before:]).max()), fault or "held")
 
 
 @contextmanager
@@ -96,36 +89,28 @@ def _work() -> None:
         pass
 
 
-def main() -> int:
-    """Measure, print a line for each grasp and the distribution, and return the exit code."""
-    parser = argparse.ArgumentParser(description="Measure how long the valves are left alone in a first grasp.")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument("--starts", type=int, default=20, help="grasps, each after a start (default 20)")
     parser.add_argument("--busy", type=int, default=0, help="processes at full load beside it (default 0)")
     parser.add_argument("--logs", type=Path, default=Path("report/first_grasps"), help="output of the nodes")
-    options = parser.parse_args()
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure, print a line for each grasp and the distribution, and return the exit status."""
     if options.starts < 1 or options.busy < 0:
-        parser.error("--starts must be greater than 0, --busy not less")
+        print("mbpam first-grasps: --starts must be greater than 0, --busy not less", file=sys.stderr)
+        return 2
     exit_on_stop_signals()
     print("  ".join(f"{key}: {value}" for key, value in machine().items()), f" busy: {options.busy}")
     print(f"{options.starts} starts take about {6 * options.starts} s")
     grasps = []
-    try:
-        with _busy_processes(options.busy):
-            for number in range(1, options.starts + 1):
-                grasps.append(first_grasp(options.logs))
-                print(f"{number}: {1e3 * grasps[-1].longest_pause_s:.0f} ms, {grasps[-1].outcome}", flush=True)
-    except NodeSystemError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
+    with _busy_processes(options.busy):
+        for number in range(1, options.starts + 1):
+            grasps.append(first_grasp(options.logs))
+            print(f"{number}: {1e3 * grasps[-1].longest_pause_s:.0f} ms, {grasps[-1].outcome}", flush=True)
     pauses_ms = [1e3 * grasp.longest_pause_s for grasp in grasps]
     median, upper, worst = np.quantile(pauses_ms, (0.5, 0.9, 1.0))
     held = sum(grasp.outcome == "held" for grasp in grasps)
     print(f"longest pause: median {median:.0f}, 90 % {upper:.0f}, worst {worst:.0f} ms; {held} of {len(grasps)} held")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
-"""``python -m mbpam_ros.nodes.bench``: what the running gripper costs, beside its budgets.
+"""What the running gripper costs, beside its budgets.
 
-CPU of six processes and of ``bringup``, answer time of services, delay from set-point to valve command, and the speed
+CPU of six processes and of "bringup", answer time of services, delay from set-point to valve command, and the speed
 of the simulation. Figures are measured, never asserted: the exit code is 0 whether or not a budget is kept. Shares of
 a core are medians over several short windows, so that another program's burst does not count.
 """
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import importlib.metadata
-import json
 import os
 import platform
 import random
@@ -21,10 +20,9 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from mbpam_ros.nodes.system import NodeProcesses, NodeSystemError, Operator, exit_on_stop_signals  # isort: skip
+from mbpam_ros.commands.system import NodeProcesses, NodeSystemError, Operator, exit_on_stop_signals  # isort: skip
 import numpy as np
 import psutil
-from diagnostic_msgs.msg import DiagnosticStatus
 from domain_coordinator import domain_id
 from rclpy.client import Client
 from rclpy.type_support import Msg
@@ -32,14 +30,15 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
-from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.interface import NODES
 from mbpam_ros.nodes.messages import joint_state
-from mbpam_ros.nodes.progress import LiveLine, table
-from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
+from mbpam_ros.nodes.runtime import NEWEST, STREAM
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.study.provenance import processor
+from mbpam_ros.study.result_file import write_json
+from mbpam_ros.terminal import Progress, table
 
 START_S = 180.0
 """A first start compiles the contact model for about half a minute."""
@@ -102,7 +101,7 @@ class Bench:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
-        self._line = LiveLine()
+        self._line = Progress()
         self.figures: list[Figure] = []
         self._loops_ms: list[float] = []
         self.failures: list[str] = []
@@ -206,7 +205,7 @@ class Bench:
 
     def _plant_alone(self) -> None:
         """Speed of the plant's model without ROS."""
-        plant = build_plant(load_scene(self._plan.scene), load_gripper())
+        plant = build_plant(*load_scene(self._plan.scene), load_gripper())
         spool, tick_s = np.zeros(len(CHANNEL_NAMES)), 0.01
         plant.step(spool, tick_s)
         factors = []
@@ -262,21 +261,10 @@ class Bench:
 
     def _hold(self, operator: Operator) -> None:
         """Grasp and lift the object, and wait until everything is still."""
-        phase: list[str] = []
-        operator.node.create_subscription(
-            DiagnosticStatus,
-            "grasp_state",
-            lambda state: phase.append(next(item.value for item in state.values if item.key == "phase")),
-            LATCHED,
-        )
-        operator.call(SetBool, "valve_controller/enable", SetBool.Request(data=True))
-        operator.wait_for(
-            lambda: operator.health["/grasp_arbiter"][0] == DiagnosticStatus.OK, WAIT_S, "the arbiter's readiness"
-        )
-        answer = operator.call(Trigger, "grasp/envelope")
-        if not answer.success:
-            raise NodeSystemError(answer.message)
-        operator.wait_for(lambda: phase[-1:] == ["holding"], WAIT_S, "phase holding")
+        operator.enable(WAIT_S)
+        fault = operator.close_fingers(timeout_s=WAIT_S)
+        if fault:
+            raise NodeSystemError(fault)
         operator.call(Trigger, "plant/lift")
         self._wait(operator, SETTLE_S)
 
@@ -370,16 +358,11 @@ def _plant_time_s(operator: Operator) -> float:
 def machine() -> dict[str, str]:
     """Return what the figures depend on: processor, cores, load, and versions."""
     try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        model = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        model = platform.processor() or "unknown"
-    try:
         rclpy_version = importlib.metadata.version("ros-rclpy")
     except importlib.metadata.PackageNotFoundError:
         rclpy_version = "of the system"
     return {
-        "processor": model,
+        "processor": processor(),
         "cores": str(len(os.sched_getaffinity(0))),
         "load_before": f"{os.getloadavg()[0]:.2f}",
         "python": platform.python_version(),
@@ -401,41 +384,31 @@ def _print_table(figures: Sequence[Figure]) -> None:
     print(table(("figure", "value", "range", "budget", ""), rows))
 
 
-def main() -> int:
-    """Measure, print the table, and return the exit code."""
-    parser = argparse.ArgumentParser(description="Measure what the running gripper costs, beside its budgets.")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument("--json", type=Path, metavar="FILE", help="write machine and figures as JSON")
     parser.add_argument("--scene", default="bulb", help="scene of the plant (default bulb)")
     parser.add_argument("--windows", type=int, default=5, help="windows of which the median counts (default 5)")
     parser.add_argument("--window-s", type=float, default=3.0, help="length of a CPU window [s] (default 3)")
     parser.add_argument("--calls", type=int, default=320, help="service calls, and set-points (default 320)")
     parser.add_argument("--logs", type=Path, default=Path("report/bench"), metavar="DIR", help="output of the nodes")
-    options = parser.parse_args()
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure, print the table, and return the exit status."""
     if min(options.windows, options.calls) < 1 or not options.window_s > 0.0:
-        parser.error("--windows, --window-s and --calls must be greater than 0")
+        print("mbpam bench: --windows, --window-s and --calls must be greater than 0", file=sys.stderr)
+        return 2
     exit_on_stop_signals()
     here = machine()
     print("  ".join(f"{key}: {value}" for key, value in here.items()))
     bench = Bench(Plan(options.scene, options.windows, options.window_s, options.calls, options.logs))
-    try:
-        bench.run()
-    except ConfigError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
+    bench.run()
     print(f"shares of a core: median of {options.windows} windows of {options.window_s:g} s")
     _print_table(bench.figures)
     for failure in bench.failures:
         print(f"not measured: {failure}")
     if options.json is not None:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
         figures = [{**asdict(figure), "over_budget": figure.over_budget} for figure in bench.figures]
-        report = {"machine": here, "figures": figures, "not_measured": bench.failures}
-        options.json.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+        write_json(options.json, {"machine": here, "figures": figures, "not_measured": bench.failures})
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

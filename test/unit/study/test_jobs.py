@@ -6,9 +6,9 @@ import pytest
 
 pytest.importorskip("felupe")
 
-from mbpam_ros.study.fe.job_queue import ResultFile, ResultFileError, run_jobs
 from mbpam_ros.study.fe.solve import LoadStepError
-from mbpam_ros.study.progress_bar import ProgressBar
+from mbpam_ros.study.jobs import ResultFile, ResultFileError, run_jobs
+from mbpam_ros.terminal import Progress
 
 JOBS = {name: (name, number) for number, name in enumerate("abcd")}
 
@@ -23,10 +23,16 @@ def results(path):
     return ResultFile(path, {"mesh": "fine"}, "rows", lambda row: row["job"])
 
 
+def run(work, path, executor, progress):
+    return run_jobs(JOBS, work, results(path), executor, progress, lambda row: row["job"], failing=(LoadStepError,))
+
+
 def test_rows_are_kept_in_order_and_jobs_without_equilibrium_are_named(tmp_path):
     path, said = tmp_path / "x.json", io.StringIO()
     with ThreadPoolExecutor(2) as executor:
-        failures = run_jobs(JOBS, square, results(path), executor, ProgressBar(said), lambda row: row["job"])
+        failures = run_jobs(
+            JOBS, square, results(path), executor, Progress(said), lambda row: row["job"], failing=(LoadStepError,)
+        )
     assert failures == {"c": "stopped at 12 kPa"}
     stored = json.loads(path.read_text())
     assert stored["settings"] == {"mesh": "fine"}
@@ -34,27 +40,29 @@ def test_rows_are_kept_in_order_and_jobs_without_equilibrium_are_named(tmp_path)
     assert "c: stopped at 12 kPa" in said.getvalue()
 
 
-class InterruptedBar(ProgressBar):
+class InterruptedBar(Progress):
     def job_ended(self, text):
         raise KeyboardInterrupt
 
 
 def test_an_interrupt_keeps_the_finished_rows_and_takes_back_the_jobs_not_begun(tmp_path):
-    path, run = tmp_path / "x.json", []
+    path, called = tmp_path / "x.json", []
 
     def counted(name, number):
-        run.append(name)
+        called.append(name)
         return square(name, number)
 
     with ThreadPoolExecutor(1) as executor:
         with pytest.raises(KeyboardInterrupt):
-            run_jobs(JOBS, counted, results(path), executor, InterruptedBar(io.StringIO()), str)
+            run_jobs(
+                JOBS, counted, results(path), executor, InterruptedBar(io.StringIO()), str, failing=(LoadStepError,)
+            )
     kept = [row["job"] for row in json.loads(path.read_text())["rows"]]
     assert kept and set(kept) < set(JOBS)
-    run.clear()
+    called.clear()
     with ThreadPoolExecutor(1) as executor:
-        run_jobs(JOBS, counted, results(path), executor, ProgressBar(io.StringIO()), str)
-    assert set(run) == set(JOBS) - set(kept)
+        run(counted, path, executor, Progress(io.StringIO()))
+    assert set(called) == set(JOBS) - set(kept)
 
 
 def test_an_unforeseen_error_is_not_swallowed(tmp_path):
@@ -62,7 +70,7 @@ def test_an_unforeseen_error_is_not_swallowed(tmp_path):
         raise ZeroDivisionError
 
     with ThreadPoolExecutor(1) as executor, pytest.raises(ZeroDivisionError):
-        run_jobs(JOBS, broken, results(tmp_path / "x.json"), executor, ProgressBar(io.StringIO()), str)
+        run_jobs(JOBS, broken, results(tmp_path / "x.json"), executor, Progress(io.StringIO()), str)
 
 
 @pytest.mark.parametrize("content", ["no JSON", "[]", '{"settings": {}}', '{"settings": {}, "rows": [{}]}'])

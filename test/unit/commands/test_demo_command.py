@@ -7,14 +7,15 @@ import types
 
 import pytest
 
-from mbpam_ros.nodes import demo  # isort: skip
+from mbpam_ros.commands import demo  # isort: skip
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from mbpam_ros.nodes.demo import GraspResult, Watcher
+from mbpam_ros.commands.demo import GraspResult, Watcher
+from mbpam_ros.commands.mbpam import main
+from mbpam_ros.commands.system import NodeSystemError
 from mbpam_ros.nodes.interface import NODES
-from mbpam_ros.nodes.progress import LiveLine
-from mbpam_ros.nodes.system import NodeSystemError
 from mbpam_ros.plant.scene import PAPER_SCENES, load_scene
+from mbpam_ros.terminal import Progress
 
 FIELDS = ["object", "mode", "expected_mode", "detected_size_m", "true_size_m", "held", "rise_m", "close_s"]
 
@@ -26,13 +27,13 @@ def grasps(monkeypatch):
     class Grasps(list):
         dropped, failing = (), ()
 
-        def __call__(self, name, scene, tier, report, line):
+        def __call__(self, name, scene, tier, report, progress):
             self.append((name, tier))
             if scene.name in self.failing:
                 raise NodeSystemError("closing: not within 10 s")
             mode, size_m = scene.object.expected_mode, list(scene.object.size_m)
             held = scene.name not in self.dropped
-            return GraspResult(scene.config.object, mode, mode, size_m, size_m, held, 0.1 * held, 0.58)
+            return GraspResult(scene.object.name, mode, mode, size_m, size_m, held, 0.1 * held, 0.58)
 
     calls = Grasps()
     monkeypatch.setattr(demo, "grasp", calls)
@@ -60,40 +61,40 @@ class FakeOperator:
 
 @pytest.mark.parametrize("arguments", [[], ["--objects", "all"]])
 def test_by_default_the_papers_five_objects_are_grasped_by_rods(grasps, arguments):
-    assert demo.main(arguments) == 0
+    assert main(["demo", *arguments]) == 0
     assert grasps == [(name, "rod") for name in PAPER_SCENES] and len(grasps) == 5
 
 
 def test_objects_and_tier_can_be_chosen(grasps):
-    assert demo.main(["--objects", "bulb", "tube", "--tier", "arc"]) == 0
+    assert main(["demo", "--objects", "bulb", "tube", "--tier", "arc"]) == 0
     assert grasps == [("bulb", "arc"), ("tube", "arc")]
 
 
 def test_a_tier_that_knows_no_objects_is_refused(grasps):
     with pytest.raises(SystemExit, match="2"):
-        demo.main(["--tier", "static"])
+        main(["demo", "--tier", "static"])
     assert not grasps
 
 
 def test_a_scene_without_an_object_is_refused_before_anything_is_grasped(grasps, capsys):
-    assert demo.main(["--objects", "bulb", "empty"]) == 2
+    assert main(["demo", "--objects", "bulb", "empty"]) == 2
     assert not grasps and "scene empty: the demo needs an object" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("arguments", [[], ["--objects", "all"], ["--objects", "tube"]])
 def test_a_dropped_object_fails_the_demo(grasps, arguments, capsys):
     grasps.dropped = ("tube",)
-    assert demo.main(arguments) == 1
+    assert main(["demo", *arguments]) == 1
     shown = capsys.readouterr()
-    assert shown.err == "error: tube: dropped\n"
+    assert shown.err == "mbpam demo: tube: dropped\n"
     assert [line.split()[-1] for line in shown.out.splitlines() if line.startswith("aluminium_tube")] == ["dropped"]
 
 
 def test_a_stage_that_did_not_happen_fails_the_demo_and_the_other_objects_still_get_their_turn(grasps, capsys):
     grasps.failing = ("bulb",)
-    assert demo.main([]) == 1
+    assert main(["demo"]) == 1
     shown = capsys.readouterr()
-    assert shown.err == "error: bulb: closing: not within 10 s\n"
+    assert shown.err == "mbpam demo: bulb: closing: not within 10 s\n"
     assert len(grasps) == 5
     assert [line.split()[0] for line in shown.out.splitlines() if line.rstrip().endswith(" held")] == [
         "tomato", "banana", "aluminium_tube", "carton",
@@ -101,7 +102,7 @@ def test_a_stage_that_did_not_happen_fails_the_demo_and_the_other_objects_still_
 
 
 def test_the_table_has_the_papers_result_beside_the_own(grasps, capsys):
-    demo.main(["--objects", "carton"])
+    main(["demo", "--objects", "carton"])
     head, _, row = capsys.readouterr().out.splitlines()
     column = head.index("paper")
     assert row[column:].startswith("held, mid_rod  mid_rod") and row.startswith("carton") and row.split()[-1] == "held"
@@ -109,7 +110,7 @@ def test_the_table_has_the_papers_result_beside_the_own(grasps, capsys):
 
 def test_the_json_is_a_list_of_the_grasps(grasps, tmp_path):
     file = tmp_path / "new" / "objects.json"
-    demo.main(["--objects", "bulb", "carton", "--json", str(file)])
+    main(["demo", "--objects", "bulb", "carton", "--json", str(file)])
     rows = json.loads(file.read_text())
     assert [row["object"] for row in rows] == ["bulb", "carton"]
     assert [list(row) for row in rows] == [FIELDS, FIELDS]
@@ -140,7 +141,7 @@ def test_a_fault_ends_the_grasp_at_once_with_its_reason(monkeypatch, tmp_path):
     monkeypatch.setattr(demo, "NodeProcesses", lambda *_: processes)
     monkeypatch.setattr(demo, "Operator", lambda *_, **__: FaultyOperator())
     with pytest.raises(NodeSystemError, match="waiting for plant.*: fault: 16 of 16 channels at fault"):
-        demo.grasp("bulb", load_scene("bulb"), "rod", tmp_path, LiveLine())
+        demo.grasp("bulb", load_scene("bulb")[0], "rod", tmp_path, Progress())
 
 
 def test_the_plant_gets_the_scene_s_file_as_it_was_given(monkeypatch, tmp_path):
@@ -153,12 +154,12 @@ def test_the_plant_gets_the_scene_s_file_as_it_was_given(monkeypatch, tmp_path):
     monkeypatch.setattr(demo, "NodeProcesses", processes)
     file = tmp_path / "bulb.yaml"
     with pytest.raises(NodeSystemError):
-        demo.grasp(str(file), load_scene("bulb"), "rod", tmp_path, LiveLine())
+        demo.grasp(str(file), load_scene("bulb")[0], "rod", tmp_path, Progress())
     assert f"scene:={file}" in given["plant"]
 
 
 def test_without_matplotlib_nothing_is_grasped(grasps, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    assert demo.main([]) == 2
+    assert main(["demo"]) == 2
     assert "needs matplotlib" in capsys.readouterr().err
     assert grasps == []

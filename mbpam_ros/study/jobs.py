@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from pathlib import Path
+from typing import TypeVar
 
-from mbpam_ros.study.announcement import announce
-from mbpam_ros.study.fe.design_run import NO_EQUILIBRIUM
-from mbpam_ros.study.progress_bar import ProgressBar
 from mbpam_ros.study.result_file import ResultFileError, write_json
+from mbpam_ros.terminal import Progress, announce
 
 REDRAW_S = 1.0
 
-S_PER_JOB = 20.0
-"""CPU of a bend curve with the default mesh; 20-node elements take several times as long."""
+Result = TypeVar("Result")
 
 
 class ResultFile:
     """Rows of finished jobs in a JSON file ``{"settings": ..., key: [row, ...], ...}``.
 
     Args:
-        path: the file; its folder must exist.
+        path: the file; its folder must exist. None keeps the rows in memory alone.
         settings: what all rows depend on. Rows made with other settings are not taken over.
         key: name of the list of rows.
         name_of: the name of the job that made a row.
@@ -32,11 +29,13 @@ class ResultFile:
         ResultFileError: ``path`` exists and is no such file, or its folder does not exist.
     """
 
-    def __init__(self, path: Path, settings: dict, key: str, name_of: Callable[[dict], str]) -> None:
+    def __init__(self, path: Path | None, settings: dict, key: str, name_of: Callable[[dict], str]) -> None:
         self.path = path
         self.rows: dict[str, dict] = {}
         self._settings, self._key = settings, key
         self.other_settings = False
+        if path is None:
+            return
         if not path.absolute().parent.is_dir():
             raise ResultFileError(f"{path}: there is no folder {path.absolute().parent}")
         if not path.exists():
@@ -54,7 +53,8 @@ class ResultFile:
         """Write the rows in this order with ``more`` before them; return the content."""
         rows = [self.rows[name] for name in order if name in self.rows]
         content = {"settings": self._settings, **more, self._key: rows}
-        write_json(self.path, content)
+        if self.path is not None:
+            write_json(self.path, content)
         return content
 
 
@@ -63,8 +63,11 @@ def run_jobs(
     work: Callable[..., dict],
     results: ResultFile,
     executor: Executor,
-    progress: ProgressBar,
+    progress: Progress,
     describe: Callable[[dict], str],
+    *,
+    failing: tuple[type[Exception], ...] = (),
+    s_per_job: float = 0.0,
 ) -> dict[str, str]:
     """Run ``work(*arguments)`` for each job without a row in ``results``, writing the file after each.
 
@@ -73,40 +76,59 @@ def run_jobs(
     Args:
         jobs: arguments by name, plain values.
         work: a function of a module, so that it can be sent to another process or machine; its dict is the job's row.
-        executor: any executor whose ``submit`` returns futures of ``concurrent.futures``: processes, threads, or a
-            Dask cluster's ``Client.get_executor()``. (The futures of Dask's own ``Client.submit`` are of another kind.)
+        executor: any executor whose ``submit`` returns futures of ``concurrent.futures``
+            (:mod:`~mbpam_ros.study.executors`).
         describe: the line that tells of a finished row.
+        failing: errors that end a job without a row, and not the others.
+        s_per_job: CPU of a job [s], a guess; what is expected to take long is announced.
 
     Returns:
-        Reasons of the jobs that found no equilibrium, by name.
+        Reasons of the jobs that failed, by name.
     """
     order = list(jobs)
     if results.other_settings:
         progress.say(f"{results.path} was made with other settings or versions: all jobs are run anew")
-    missing = [name for name in order if name not in results.rows]
-    announce(f"{len(missing)} jobs on one core (the workers share them)", S_PER_JOB * len(missing), sys.stdout)
+    missing = {name: jobs[name] for name in order if name not in results.rows}
+    announce(f"{len(missing)} jobs on one core (the workers share them)", s_per_job * len(missing), progress.stream)
     progress.start(len(order), len(order) - len(missing))
     failures: dict[str, str] = {}
-    futures: dict[Future, str] = {}
+    for name, future in as_they_end(missing, work, executor, progress):
+        try:
+            results.rows[name] = future.result()
+        except failing as error:
+            failures[name] = str(error)
+            progress.job_ended(f"{name}: {error}")
+            continue
+        results.write(order)
+        progress.job_ended(describe(results.rows[name]))
+    return failures
+
+
+def as_they_end(
+    jobs: Mapping[str, tuple], work: Callable[..., Result], executor: Executor, progress: Progress
+) -> Iterator[tuple[str, Future[Result]]]:
+    """Yield the name and the ended future of each job; those that have not begun are taken back if nobody waits.
+
+    Args:
+        jobs: arguments by name.
+        work: as for :func:`run_jobs`.
+        executor: likewise.
+        progress: is refreshed while one waits.
+    """
+    names: dict[Future[Result], str] = {}
     try:
-        for name in missing:
-            futures[executor.submit(work, *jobs[name])] = name
-        waiting = set(futures)
+        for name, arguments in jobs.items():
+            future = executor.submit(work, *arguments)
+            if future.done():
+                yield name, future
+            else:
+                names[future] = name
+        waiting = set(names)
         while waiting:
             done, waiting = wait(waiting, REDRAW_S, FIRST_COMPLETED)
             progress.refresh()
             for future in done:
-                name = futures[future]
-                try:
-                    results.rows[name] = future.result()
-                except NO_EQUILIBRIUM as error:
-                    failures[name] = str(error)
-                    progress.job_ended(f"{name}: {error}")
-                    continue
-                results.write(order)
-                progress.job_ended(describe(results.rows[name]))
-    except BaseException:
-        for future in futures:
+                yield names[future], future
+    finally:
+        for future in names:
             future.cancel()
-        raise
-    return failures

@@ -13,7 +13,7 @@ from typing import ClassVar, Protocol
 
 import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
@@ -23,6 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.nodes.interface import NODES, SERVICES, SET_BOOL, TRIGGER
+from mbpam_ros.nodes.runtime import LATCHED
 
 STOP_TIMEOUT_S = 30.0
 """Ending takes 1 s, several on a busy machine or when the middleware hangs (``TEAR_DOWN_TIMEOUT_S``)."""
@@ -69,10 +70,11 @@ class NodeProcesses:
 
     def start(self, executable: str) -> None:
         """Start (again) one executable."""
-        arguments = ["--ros-args", *self._common, *self._arguments.get(executable, ())]
+        ros = ["--ros-args", *self._common, *self._arguments.get(executable, ())]
+        command = [sys.executable, "-m", f"mbpam_ros.nodes.{executable}", *ros]
         with self.log(executable).open("ab") as log:
             self.processes[executable] = subprocess.Popen(
-                [*_command(executable), *arguments], stdout=log, stderr=subprocess.STDOUT, env=self._environment
+                command, stdout=log, stderr=subprocess.STDOUT, env=self._environment
             )
 
     def log(self, executable: str) -> Path:
@@ -120,6 +122,9 @@ class Answered(Protocol):
 class Operator:
     """A node of our own beside the running system: it listens, calls services, and waits on predicates.
 
+    What the nodes say of themselves is in ``health`` (level, message, values by full name), the arbiter's state in
+    ``grasp`` (values by key, e.g. ``phase``).
+
     Args:
         node_name: its ROS name.
         namespace: the gripper's namespace.
@@ -132,6 +137,7 @@ class Operator:
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain_id)
         self.node = Node(node_name, context=self._context, namespace=namespace, use_global_arguments=False)
+        self._prefix = self.node.get_namespace().rstrip("/")
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._idle = idle
@@ -141,7 +147,9 @@ class Operator:
             for service in SERVICES
         }
         self.health: dict[str, tuple[bytes, str, dict[str, str]]] = {}
+        self.grasp: dict[str, str] = {}
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
+        self.node.create_subscription(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
 
     def close(self) -> None:
         """Leave the graph."""
@@ -185,11 +193,45 @@ class Operator:
             raise NodeSystemError(f"answer of {name}: none came")
         return answer
 
+    def ask(self, service_type: type[Service], name: str, request: Msg | None = None, timeout_s: float = 10.0) -> str:
+        """Call a service that must not refuse; return its message.
+
+        Raises:
+            NodeSystemError: it refused, or no answer came within ``timeout_s``.
+        """
+        answer = self.call(service_type, name, request, timeout_s)
+        if not answer.success:
+            raise NodeSystemError(f"{name} refused: {answer.message}")
+        return answer.message
+
+    def enable(self, timeout_s: float = 20.0) -> None:
+        """Let the valves open, and wait until the arbiter is ready to grasp.
+
+        Raises:
+            NodeSystemError: refused, or it is not within ``timeout_s``.
+        """
+        self.ask(SetBool, "valve_controller/enable", SetBool.Request(data=True), timeout_s)
+        arbiter = f"{self._prefix}/grasp_arbiter"
+        ready = lambda: arbiter in self.health and self.health[arbiter][0] == DiagnosticStatus.OK  # noqa: E731
+        self.wait_for(ready, timeout_s, "the arbiter's readiness")
+
+    def close_fingers(self, service: str = "grasp/envelope", timeout_s: float = 20.0) -> str:
+        """Ask for a grasp and wait for its end: return the reason of the fault, or nothing where it holds.
+
+        Raises:
+            NodeSystemError: refused, or neither came within ``timeout_s``.
+        """
+        self.ask(Trigger, service, timeout_s=timeout_s)
+        self.wait_for(lambda: self.grasp.get("phase") in ("holding", "fault"), timeout_s, "the end of the grasp")
+        return "" if self.grasp["phase"] == "holding" else self.grasp["reason"]
+
     def wait_for_nodes(self, names: Sequence[str] = NODES, timeout_s: float = 60.0) -> None:
         """Wait until every node has reported its health."""
-        prefix = self.node.get_namespace().rstrip("/")
-        wanted = {f"{prefix}/{name}" for name in names}
+        wanted = {f"{self._prefix}/{name}" for name in names}
         self.wait_for(lambda: wanted <= self.health.keys(), timeout_s, f"health of {', '.join(sorted(wanted))}")
+
+    def _on_grasp_state(self, state: DiagnosticStatus) -> None:
+        self.grasp = {item.key: item.value for item in state.values}
 
     def _on_diagnostics(self, report: DiagnosticArray) -> None:
         for status in report.status:
@@ -201,11 +243,3 @@ def exit_on_stop_signals() -> None:
     """Let SIGTERM and SIGHUP end this process by an exception, as SIGINT does: ``with`` blocks stop their nodes."""
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda received, _: sys.exit(128 + received))
-
-
-def _command(executable: str) -> list[str]:
-    """The installed executable beside the running one, else the module."""
-    beside = Path(sys.argv[0]).resolve().parent / executable
-    if beside.is_file() and os.access(beside, os.X_OK):
-        return [str(beside)]
-    return [sys.executable, "-m", f"mbpam_ros.nodes.{executable}"]

@@ -1,4 +1,4 @@
-"""Where the jobs run: processes of this machine, or a Dask cluster of many.
+"""Where the jobs of a study run: in this process, in others of this machine, or on a Dask cluster of many.
 
 Any executor whose ``submit`` returns futures of ``concurrent.futures`` will do. Dask's own futures are not of that
 kind, but those of ``Client.get_executor()`` are.
@@ -11,15 +11,16 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from typing import Any, TypeVar
 
 from mbpam_ros.errors import MbpamError
 
 LOCAL_CLUSTER = "local"
 _CONNECT_S = 10.0
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+_ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
 """The jobs share the cores among themselves; a solver that also did would only make them wait for each other."""
 
 
@@ -32,18 +33,40 @@ def open_executor(workers: int, dask: str | None = None) -> Iterator[Executor]:
     """Yield an executor; at its end wait for the jobs, after an error or an interrupt throw them away at once.
 
     Args:
-        workers: number of processes on this machine.
+        workers: number of processes on this machine; 1 is this one, without another.
         dask: address of a running Dask scheduler, or ``local`` for a Dask cluster of ``workers`` processes on this
             machine's loopback; None for plain processes.
 
     Raises:
-        ExecutorError: Dask is not installed, or no scheduler answers at the address.
+        ExecutorError: no worker, Dask is not installed, no scheduler answers at the address, or a worker died.
     """
+    if workers < 1:
+        raise ExecutorError(f"there must be at least 1 worker, found {workers}")
     os.environ.update({name: os.environ.get(name, value) for name, value in _ONE_THREAD.items()})
-    if dask is None:
-        yield from _processes(workers)
-    else:
-        yield from _dask(workers, dask)
+    try:
+        if dask is not None:
+            yield from _dask(workers, dask)
+        elif workers == 1:
+            yield ThisProcess()
+        else:
+            yield from _processes(workers)
+    except BrokenExecutor as error:
+        raise ExecutorError(f"a worker died (out of memory?); give fewer of them: {error}") from error
+
+
+Result = TypeVar("Result")
+
+
+class ThisProcess(Executor):
+    """Runs each job where and when it is submitted: its future has ended."""
+
+    def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
+        future: Future[Result] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:  # as another process would hand it over
+            future.set_exception(error)
+        return future
 
 
 def _processes(workers: int) -> Iterator[Executor]:

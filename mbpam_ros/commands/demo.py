@@ -1,12 +1,11 @@
-"""Executable ``demo``: six node processes grasp, lift and release the paper's objects, and the result is shown.
+"""Six node processes on loopback grasp, lift and release the paper's objects, and the result is shown.
 
-Exit code 0 only if every stage happened for every object and each object rose with the hand.
+Exit status 0 only if every stage happened for every object and each object rose with the hand.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import sys
@@ -16,25 +15,26 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from mbpam_ros.nodes.system import NodeProcesses, NodeSystemError, Operator, Service, exit_on_stop_signals  # isort: skip
+from mbpam_ros.commands.system import NodeProcesses, NodeSystemError, Operator, Service, exit_on_stop_signals  # isort: skip
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from domain_coordinator import domain_id
-from rclpy.type_support import Msg
 from sensor_msgs.msg import CompressedImage, JointState
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.nodes.interface import NODES
-from mbpam_ros.nodes.progress import LiveLine, table
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
 from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
 from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S
-from mbpam_ros.study.grasp_report import GraspRecord, ReportError, draw_report, figure_class
+from mbpam_ros.study.grasp_report import GraspRecord, draw_report
+from mbpam_ros.study.pictures import PictureError, require_matplotlib
+from mbpam_ros.study.result_file import write_json
+from mbpam_ros.terminal import Progress, table
 
 ALL = "all"
-"""What stands for the paper's five objects on the command line."""
+"""What stands for the paper's five objects on the command progress."""
 
 PATIENCE_S = 10.0
 RETRY_S = 0.25
@@ -171,7 +171,7 @@ class Watcher:
             self.record.palm_rise_m.append(self.palm_rise_m)
 
 
-def grasp(name: str, scene: Scene, tier: str, report: Path, line: LiveLine) -> GraspResult:
+def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress) -> GraspResult:
     """Start the six processes on a scene, grasp its object by the camera's choice, lift, release, and stop them.
 
     Args:
@@ -179,21 +179,21 @@ def grasp(name: str, scene: Scene, tier: str, report: Path, line: LiveLine) -> G
         scene: what that holds, with an object on a support; its own tier is not used.
         tier: how the plant computes the muscles.
         report: where pictures and logs go.
-        line: shows what happens.
+        progress: shows what happens.
 
     Raises:
         NodeSystemError: a stage did not happen.
     """
-    if scene.config.support is None:
+    if scene.support is None:
         raise NodeSystemError(f"scene {scene.name}: no support to see the object on")
     arguments = {
         "plant": ["-p", f"scene:={name}", "-p", f"tier:={tier}"],
-        "object_detector": ["-p", f"support_depth_m:={scene.config.support.depth_m}"],
+        "object_detector": ["-p", f"support_depth_m:={scene.support.depth_m}"],
     }
     with NodeProcesses(report / scene.name, arguments) as processes:
         operator = Operator("operator", idle=processes.check)
         try:
-            result = _stages(scene, operator, report, line)
+            result = _stages(scene, operator, report, progress)
         finally:
             operator.close()
         codes = processes.stop()
@@ -203,16 +203,16 @@ def grasp(name: str, scene: Scene, tier: str, report: Path, line: LiveLine) -> G
     return result
 
 
-def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> GraspResult:
+def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) -> GraspResult:
     spec = scene.object
-    if spec is None or scene.config.object is None:
+    if spec is None:
         raise NodeSystemError(f"scene {scene.name}: nothing to grasp")
     name = spec.label
     watcher = Watcher(operator)
 
     def wait_for(predicate: Callable[[], bool], timeout_s: float, what: str) -> None:
         def step() -> bool:
-            line.show(
+            progress.show(
                 f"{name}: {what}  [{watcher.elapsed_s:4.1f} s, {watcher.grasp.get('phase', '-')}, "
                 f"{1e-3 * watcher.greatest_pressure_pa:3.0f} kPa, rise {1e3 * np.nan_to_num(watcher.rise_m):4.0f} mm]"
             )
@@ -222,12 +222,12 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
 
         operator.wait_for(step, timeout_s, what)
 
-    line.say(f"{name}: starting {len(NODES)} node processes")
+    progress.say(f"{name}: starting {len(NODES)} node processes")
     for node in NODES:
         hint = " (compiles its contact solver on the first run)" if node == "plant" else ""
         wait_for(partial(operator.health.__contains__, f"/{node}"), 180.0, f"waiting for {node}{hint}")
-    _ask(operator, SetBool, "valve_controller/enable", SetBool.Request(data=True))
-    wait_for(lambda: operator.health["/grasp_arbiter"][0] == DiagnosticStatus.OK, 20.0, "waiting for readiness")
+    progress.show(f"{name}: waiting for readiness")
+    operator.enable()
     wait_for(lambda: watcher.hears_everything, 20.0, "looking")
     watcher.set_start()
     watcher.snapshot("start")
@@ -235,43 +235,43 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
     if detection is None:
         raise NodeSystemError("looking: nothing detected")
     size_m = [round(float(value), 4) for value in _size(detection)]
-    line.say(f"{name}: detected a {detection.text} of {_millimetres(size_m)} mm")
+    progress.say(f"{name}: detected a {detection.text} of {_millimetres(size_m)} mm")
 
     answer = _ask_patiently(operator, Trigger, "grasp/auto")
     watcher.event("grasp/auto")
     asked_s = watcher.elapsed_s
-    line.say(f"{name}: {answer}")
+    progress.say(f"{name}: {answer}")
     wait_for(lambda: watcher.grasp.get("phase") == "holding", 10.0, "closing")
     close_s = watcher.elapsed_s - asked_s
     mode = watcher.grasp["mode"]
     watcher.event("holding")
 
-    _ask(operator, Trigger, "plant/lift")
+    operator.ask(Trigger, "plant/lift")
     watcher.event("plant/lift")
-    height_m = scene.config.lift.height_m
-    wait_for(lambda: watcher.palm_rise_m > height_m - 1e-3, 30.0 + 10.0 * scene.config.lift.duration_s, "lifting")
+    height_m = scene.lift.height_m
+    wait_for(lambda: watcher.palm_rise_m > height_m - 1e-3, 30.0 + 10.0 * scene.lift.duration_s, "lifting")
     hold_until_s = watcher.elapsed_s + HOLD_S
     wait_for(lambda: watcher.elapsed_s > hold_until_s, HOLD_S + 5.0, "holding up")
     rise_m = watcher.rise_m
     held = rise_m >= HELD_SHARE * height_m
     watcher.snapshot("lifted")
     outcome = "held" if held else "dropped"
-    line.say(f"{name}: {outcome}, rose {1e3 * rise_m:.0f} of {1e3 * height_m:.0f} mm ({watcher.pace})")
+    progress.say(f"{name}: {outcome}, rose {1e3 * rise_m:.0f} of {1e3 * height_m:.0f} mm ({watcher.pace})")
 
-    _ask(operator, Trigger, "plant/lower")
-    wait_for(lambda: watcher.palm_rise_m < 1e-3, 30.0 + 10.0 * scene.config.lift.duration_s, "lowering")
-    _ask(operator, Trigger, "grasp/release")
+    operator.ask(Trigger, "plant/lower")
+    wait_for(lambda: watcher.palm_rise_m < 1e-3, 30.0 + 10.0 * scene.lift.duration_s, "lowering")
+    operator.ask(Trigger, "grasp/release")
     watcher.event("grasp/release")
     wait_for(lambda: watcher.grasp.get("phase") == "idle", 15.0, "releasing")
-    line.say(f"{name}: released")
+    progress.say(f"{name}: released")
 
     watcher.record.title = f"{name}: {mode}, {outcome}"
     watcher.record.object_size_m, watcher.record.object_shape = spec.size_m, spec.shape
     picture = report / f"{scene.name}.png"
     draw_report(watcher.record, picture)
-    line.say(f"{name}: picture report in {picture}")
+    progress.say(f"{name}: picture report in {picture}")
     return GraspResult(
-        object=scene.config.object,
+        object=spec.name,
         mode=mode,
         expected_mode=spec.expected_mode,
         detected_size_m=size_m,
@@ -282,19 +282,12 @@ def _stages(scene: Scene, operator: Operator, report: Path, line: LiveLine) -> G
     )
 
 
-def _ask(operator: Operator, service_type: type[Service], name: str, request: Msg | None = None) -> str:
-    response = operator.call(service_type, name, request)
-    if not response.success:
-        raise NodeSystemError(f"{name} refused: {response.message}")
-    return response.message
-
-
 def _ask_patiently(operator: Operator, service_type: type[Service], name: str) -> str:
     """Ask again while refused: the server may not have discovered all its sources when we have."""
     deadline = time.monotonic() + PATIENCE_S
     while True:
         try:
-            return _ask(operator, service_type, name)
+            return operator.ask(service_type, name)
         except NodeSystemError:
             if time.monotonic() > deadline:
                 raise
@@ -333,59 +326,47 @@ def _print_table(grasped: Sequence[tuple[Scene, GraspResult]]) -> None:
 
 
 def _scenes(names: Sequence[str]) -> dict[str, Scene]:
-    scenes = {name: load_scene(name) for name in (PAPER_SCENES if names == [ALL] else names)}
+    scenes = {name: load_scene(name)[0] for name in (PAPER_SCENES if names == [ALL] else names)}
     for scene in scenes.values():
-        if scene.object is None or scene.config.support is None:
+        if scene.object is None or scene.support is None:
             raise ConfigError(f"scene {scene.name}: the demo needs an object on a support")
     return scenes
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        "demo", description="Grasp and lift the paper's objects with six node processes on loopback."
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument(
         "--objects", nargs="+", default=[ALL], metavar="NAME", help="scenes or their files, or: all (default: all)"
     )
     parser.add_argument("--tier", choices=("arc", "rod"), default="rod", help="how muscles are computed (default: rod)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the table as JSON")
     parser.add_argument("--report", type=Path, default=Path("report"), metavar="DIR", help="pictures and logs go here")
-    return parser
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the demo and return its exit code."""
-    options = _parser().parse_args(arguments)
+def run(options: argparse.Namespace) -> int:
+    """Grasp each object; return 1 if a stage did not happen or an object was dropped, 2 for what cannot be grasped."""
     exit_on_stop_signals()
-    line = LiveLine()
+    progress = Progress()
     grasped: list[tuple[Scene, GraspResult]] = []
     failures: list[str] = []
     try:
-        figure_class()  # before minutes are spent on what cannot be drawn
+        require_matplotlib()  # before minutes are spent on what cannot be drawn
         scenes = _scenes(options.objects)
-        with domain_id() as domain:
-            os.environ["ROS_DOMAIN_ID"] = str(domain)
-            for name, scene in scenes.items():
-                try:
-                    grasped.append((scene, grasp(name, scene, options.tier, options.report, line)))
-                except NodeSystemError as error:
-                    failures.append(f"{scene.name}: {error}")
-                    line.say(f"failed: {failures[-1]}")
-    except (ConfigError, ReportError) as error:
-        print(f"error: {error}", file=sys.stderr)
+    except (ConfigError, PictureError) as error:
+        print(f"mbpam demo: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        line.say("interrupted")
-        return 130
+    with domain_id() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        for name, scene in scenes.items():
+            try:
+                grasped.append((scene, grasp(name, scene, options.tier, options.report, progress)))
+            except NodeSystemError as error:
+                failures.append(f"{scene.name}: {error}")
+                progress.say(f"failed: {failures[-1]}")
     _print_table(grasped)
     if options.json is not None:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps([vars(result) for _, result in grasped], indent=2) + "\n", encoding="utf-8")
+        write_json(options.json, [vars(result) for _, result in grasped])
     failures += [f"{scene.name}: dropped" for scene, result in grasped if not result.held]
     for failure in failures:
-        print(f"error: {failure}", file=sys.stderr)
+        print(f"mbpam demo: {failure}", file=sys.stderr)
     return 1 if failures else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
