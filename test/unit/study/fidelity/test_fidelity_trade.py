@@ -25,12 +25,12 @@ from mbpam_ros.study.fidelity.trade import can_run, fidelities
 GRIPPER = load_gripper()
 GEOMETRY = GRIPPER.geometry
 AIR = Case(
-    "free_bend",
-    load_scene("empty")[0],
-    np.tile([40e3, 0.0, 0.0, 0.0], 4),
-    ((0.0, 0.0), (0.05, 1.0)),
-    (0.1,),
-    (0.0, 0.1),
+    name="free_bend",
+    scene=load_scene("empty")[0],
+    setpoint_gauge_pa=np.tile([40e3, 0.0, 0.0, 0.0], 4),
+    shares=((0.0, 0.0), (0.05, 1.0)),
+    rest_s=(0.1,),
+    moving_s=(0.0, 0.1),
 )
 GRASP = dataclasses.replace(AIR, name="sphere", scene=load_scene("bulb")[0], rest_s=(0.0, 0.1), moving_s=(0.05, 0.1))
 WEIGHT_N = GRASP.scene.object.mass_kg * 9.81
