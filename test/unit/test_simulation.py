@@ -83,7 +83,7 @@ def test_the_public_names_are_there_and_no_other():
     for name in mbpam_ros.__all__:
         assert getattr(mbpam_ros, name).__doc__
     assert dir(mbpam_ros) == mbpam_ros.__all__
-    with pytest.raises(AttributeError, match="no attribute 'Grippr'; it has Answer, Fidelity, FidelityRequest, Gripper"):
+    with pytest.raises(AttributeError, match="no attribute 'Grippr'; it has Answer, .*, Gripper"):
         mbpam_ros.Grippr  # noqa: B018
     assert issubclass(SimulationTimeError, MbpamError)
 
