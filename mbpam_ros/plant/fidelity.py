@@ -11,7 +11,7 @@ from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.configuration import ConfigError, config_path, parse_config, require_positive
 
 TABLE = "data/fidelity_trade.json"
-"""The table that the planner reads and the command ``fidelity_trade`` writes."""
+"""The table that the planner reads and ``mbpam trade`` writes."""
 
 AUTO = "auto"
 """The tier of a scene file that leaves the choice to the planner."""
@@ -116,7 +116,7 @@ class Measured:
 
     Args:
         scene: the case that was run (:mod:`~mbpam_ros.study.fidelity.cases`).
-        tier, modes, step_s, pneumatics: as in :class:`Fidelity`, whose ``sub_step_s`` is ``step_s``.
+        tier, modes, step_s, pneumatics: as in :class:`Fidelity`; ``step_s`` is its ``sub_step_s``.
         static_error_pct: at rest, the largest distance of a tip (or of the object's centre) from the reference's, over
             the active length.
         transient_error_pct: the same while things move, the largest of all instants.
