@@ -2,12 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.configuration import require_positive
+
+
+class ContactKind(IntEnum):
+    """What touches what; the palm moves with the hand, a support does not."""
+
+    FINGER_OBJECT = 0
+    OBJECT_SUPPORT = 1
+    FINGER_SUPPORT = 2
+    OBJECT_PALM = 3
+    FINGER_FINGER = 4
+
+
+class ContactLaw(NamedTuple):
+    """Coefficients of the force law: k, c, mu, mu l_spin, l_roll, and the slip speeds [m/s] and [rad/s]."""
+
+    stiffness: float
+    damping: float
+    friction: float
+    spin: float
+    roll: float
+    slip_speed: float
+    slip_rate: float
 
 
 @dataclass(frozen=True)
@@ -38,16 +63,23 @@ class ContactConfig:
             if getattr(self, name) < 0.0:
                 raise ValueError(f"{name} must not be negative, found {getattr(self, name)}")
 
-    def law(self) -> NDArray[np.float64]:
-        """Return the row of coefficients the compiled force law reads, shape (7,)."""
-        return np.array(
-            [
-                self.stiffness_n_m,
-                self.damping_n_s_m,
-                self.friction_coefficient,
-                self.friction_coefficient * self.spin_length_m,
-                self.roll_length_m,
-                self.slip_speed_m_s,
-                self.slip_rate_rad_s,
-            ]
+    def law(self) -> ContactLaw:
+        """Return the coefficients that the compiled force law reads."""
+        return ContactLaw(
+            stiffness=self.stiffness_n_m,
+            damping=self.damping_n_s_m,
+            friction=self.friction_coefficient,
+            spin=self.friction_coefficient * self.spin_length_m,
+            roll=self.roll_length_m,
+            slip_speed=self.slip_speed_m_s,
+            slip_rate=self.slip_rate_rad_s,
         )
+
+
+def law_table(configs: Mapping[ContactKind, ContactConfig]) -> NDArray[np.float64]:
+    """Return the laws of all kinds, a row a kind, shape (5, 7); :func:`~.contact_law.law_of` reads them.
+
+    Raises:
+        KeyError: a kind is missing.
+    """
+    return np.array([configs[kind].law() for kind in ContactKind])

@@ -15,6 +15,7 @@ from mbpam_ros.geometry.solids import principal_inertia
 from mbpam_ros.geometry.surfaces import SHAPE_CODES
 from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.mechanics.composition import Composition
+from mbpam_ros.plant.mechanics.contact_config import ContactKind, law_table
 from mbpam_ros.plant.mechanics.contact_law import contact_table
 from mbpam_ros.plant.mechanics.contact_search import BALLS, Surroundings, contact_limit
 from mbpam_ros.plant.mechanics.rod import Motion, build_rod, position_weights
@@ -30,6 +31,7 @@ from mbpam_ros.plant.mechanics.step import (
     advance,
     assemble,
     bind,
+    forget,
 )
 from mbpam_ros.plant.tiers.base import (
     CENTRELINE_POINTS,
@@ -76,13 +78,13 @@ class RodTier(Tier):
         # A table out of reach of a muscle that hangs straight is out of reach of all.
         table_in_reach = bool(len(planes) and planes[-1, 0] < setup.geometry.length_m)
         segments = max(_FEWEST_SEGMENTS, modes + 2)
-        kinds = (
-            config.finger_object,
-            config.object_support,
-            config.finger_support,
-            config.object_support,
-            config.finger_finger,
-        )
+        kinds = {
+            ContactKind.FINGER_OBJECT: config.finger_object,
+            ContactKind.OBJECT_SUPPORT: config.object_support,
+            ContactKind.FINGER_SUPPORT: config.finger_support,
+            ContactKind.OBJECT_PALM: config.object_support,
+            ContactKind.FINGER_FINGER: config.finger_finger,
+        }
         shape, half, mass, inertia = -1, np.zeros(3), 0.0, np.zeros(3)
         if body is not None:
             shape, half, mass = SHAPE_CODES[body.shape], 0.5 * np.array(body.size_m), body.mass_kg
@@ -97,7 +99,7 @@ class RodTier(Tier):
             mass=mass,
             inertia=inertia,
             surroundings=Surroundings(shape, half, planes, table_in_reach, setup.fingers_touch),
-            laws=np.array([kind.law() for kind in kinds]),
+            laws=law_table(kinds),
         )
         self._fingers = len(setup.finger_base_m)
         self._coordinates = self._fingers * 2 * modes
@@ -206,7 +208,7 @@ class RodTier(Tier):
 
     def _begin(self) -> None:
         """Go on from a state that no step has led to. The first time this compiles, before the first tick."""
-        self._parts.work.known[:] = False
+        forget(self._parts.work)
         self._show()
 
     def _show(self) -> None:

@@ -92,7 +92,7 @@ def test_the_velocities_after_contact_are_the_same_from_any_start(count, seed, f
     table.normal[:] /= np.linalg.norm(table.normal, axis=1, keepdims=True)
     table.jacobian[:] = 0.05 * random.standard_normal((count, 8, 6))
     for columns, arm in zip(table.jacobian, 0.05 * random.standard_normal((count, 3)), strict=True):
-        _object_columns.py_func(*arm, 2, columns.T)
+        _object_columns.py_func(tuple(arm), 2, columns.T)
     table.finger[:] = random.integers(0, 4, count)
     a, b = np.diag(random.uniform(1e-5, 1e-1, 14)), 1e-3 * random.standard_normal(14)
     ends = []
