@@ -149,7 +149,7 @@ def load_objects(name: str | Path = "objects.yaml") -> dict[str, ObjectSpec]:
     content = load_yaml(name)
     objects = content.get("objects")
     if list(content) != ["objects"] or not isinstance(objects, dict):
-        raise ConfigError(f"{name}: expected one key, objects, with a mapping from names; found {', '.join(map(str, content))}")
+        raise ConfigError(f"{name}: expected one key, objects, with a mapping; found {', '.join(map(str, content))}")
     return {
         str(key): parse_config(ObjectSpec, value, f"{name}: objects: {key}", name=str(key))
         for key, value in objects.items()
