@@ -32,6 +32,18 @@ from mbpam_ros.plant.scene import load_scene
 
 WAIT_S = 10.0
 
+REAL_CLOCK = pytest.mark.xdist_group("real_clock")
+"""Node processes run one after another in one worker of xdist, so that no other test's nodes compete with them."""
+
+
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what starts node processes: those tests need a directory for their output."""
+    for item in items:
+        if "log_directory" in getattr(item, "fixturenames", ()):
+            item.add_marker(REAL_CLOCK)
+
+
 _domain_numbers = itertools.count(1 + os.getpid() % 100)
 
 
