@@ -1,5 +1,6 @@
 # make demo   set everything up and grasp the paper's five objects: six node processes over real DDS on loopback
 # make test   set everything up, lint, and run all tests
+# make docs   build the manual into build/docs; a warning is an error
 # make bench  print CPU and latency of the running system
 PYTHON ?= python3
 VENV := .venv
@@ -7,7 +8,7 @@ BIN := $(VENV)/bin
 # Fast DDS stays on this machine; nothing joins a multicast group.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: demo test lint compiled bench clean
+.PHONY: demo test lint compiled docs bench clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/demo $(DEMO_ARGS)
@@ -28,6 +29,10 @@ lint: $(VENV)/test.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+docs: $(VENV)/docs.stamp
+	$(BIN)/python -m sphinx --quiet --fail-on-warning --jobs 2 docs build/docs
+	@echo "the manual is build/docs/index.html"
+
 bench: $(VENV)/test.stamp
 	$(BIN)/python -m mbpam_ros.nodes.bench $(BENCH_ARGS)
 
@@ -42,6 +47,10 @@ $(VENV)/run.stamp: requirements.txt setup.py
 
 $(VENV)/test.stamp: $(VENV)/run.stamp requirements-test.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-test.txt
+	@touch $@
+
+$(VENV)/docs.stamp: $(VENV)/run.stamp requirements-docs.txt
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.txt
 	@touch $@
 
 clean:
