@@ -11,7 +11,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 .PHONY: demo test lint compiled docs bench clean
 
 demo: $(VENV)/run.stamp
-	$(BIN)/demo $(DEMO_ARGS)
+	$(BIN)/mbpam demo $(DEMO_ARGS)
 
 # The running nodes have the machine to themselves; what needs no clock runs on both cores.
 WITHOUT_CLOCK := $(addprefix test/integration/test_,configuration_errors.py installation.py node_parameters.py)
@@ -34,7 +34,7 @@ docs: $(VENV)/docs.stamp
 	@echo "the manual is build/docs/index.html"
 
 bench: $(VENV)/test.stamp
-	$(BIN)/python -m mbpam_ros.nodes.bench $(BENCH_ARGS)
+	$(BIN)/mbpam bench $(BENCH_ARGS)
 
 $(VENV)/run.stamp: requirements.txt setup.py
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' || \

@@ -13,10 +13,7 @@ NODES = (
     "object_detector",
     "grasp_arbiter",
     "bringup",
-    "demo",
 )
-DESIGN_STUDY = ("sample_design", "compare_metamodels", "optimise_design")
-FIDELITY = ("fidelity_trade", "plan")
 ROS_WHEELS = [
     "ros-rclpy",
     "ros-rmw-fastrtps-cpp",
@@ -28,8 +25,13 @@ TEST = ["pytest", "pytest-timeout", "hypothesis"]
 
 
 def shared_files() -> list[tuple[str, list[str]]]:
-    """Return data_files: the package index marker, package.xml, and every file of ``config/`` in its folder."""
+    """Return data_files: the package index marker, package.xml, what ros2 run finds, and ``config/`` folder by folder.
+
+    What ros2 run finds lies in ``lib/<package>`` under short names; as console scripts these would be on everybody's
+    path, where ``plant`` or ``demo`` may be anything.
+    """
     files = [
+        (f"lib/{PACKAGE}", [str(path) for path in sorted(Path("executables").iterdir())]),
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ]
@@ -66,13 +68,8 @@ setup(
     zip_safe=True,
     entry_points={
         "console_scripts": [
-            *(f"{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
-            f"benchmark_peers = {PACKAGE}.study.peers.benchmark_peers:main",
-            f"calibrate_fe = {PACKAGE}.study.fe.calibrate_fe:main",
-            f"stability_map = {PACKAGE}.study.stability_map:main",
-            *(f"{command} = {PACKAGE}.study.design.{command}:main" for command in DESIGN_STUDY),
-            *(f"{command} = {PACKAGE}.study.fidelity.{command}:main" for command in FIDELITY),
-            f"grasp_study = {PACKAGE}.study.grasp.grasp_study:main",
+            f"mbpam = {PACKAGE}.commands.mbpam:main",
+            *(f"mbpam_{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
         ]
     },
 )

@@ -21,6 +21,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
@@ -30,6 +31,7 @@ from rclpy.timer import Timer
 
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.nodes.command_line import answer
+from mbpam_ros.nodes.compiling import STOP_SIGNALS, compilation_announced, stop_signals_end_the_process
 from mbpam_ros.nodes.exit_timer import exits_after
 from mbpam_ros.nodes.lateness import Lateness
 from mbpam_ros.nodes.messages import time_stamp
@@ -53,6 +55,9 @@ LOOK_PERIOD_S = 0.1
 
 SPIN_TIMEOUT_S = 1.0
 """How often a spin returns. One without a time-out never runs Python's signal handlers in this executor."""
+
+BUILDING_STOPS_WITHIN_S = 0.5
+"""A stop signal while nodes are built, air off and no valve commanded, ends the process after this."""
 
 TEAR_DOWN_TIMEOUT_S = 5.0
 """Leaving the graph takes milliseconds. When peers leave at the same moment, Fast DDS 3.2 may wait for one of its own
@@ -278,9 +283,10 @@ def _live(
 ) -> int:
     """Build the nodes into ``nodes``, spin them until they have to end, and return the exit code."""
     try:
-        for factory in factories:
-            nodes.append(factory())
-            executor.add_node(nodes[-1])
+        with stop_signals_end_the_process(BUILDING_STOPS_WITHIN_S, 0), compilation_announced(_say):
+            for factory in factories:
+                nodes.append(factory())
+                executor.add_node(nodes[-1])
         _do_now_what_would_hold_up_the_valves()
         ended: Future[None] = Future()
 
@@ -302,6 +308,10 @@ def _live(
         return 2
 
 
+def _say(line: str) -> None:
+    get_logger("mbpam_ros").info(line)
+
+
 def _do_now_what_would_hold_up_the_valves() -> None:
     """Spend, before the first tick, the tenths of a second that two things cost once all modules are loaded."""
     # A full collection walks everything that was loaded: 90 ms. It stays anyway.
@@ -318,6 +328,6 @@ def _catch_stop_signals() -> Callable[[], bool]:
     Instead of rclpy's handlers, which invalidate the context under the callback that runs at that moment.
     """
     received: list[int] = []
-    for stop_signal in (signal.SIGINT, signal.SIGTERM):
+    for stop_signal in STOP_SIGNALS:
         signal.signal(stop_signal, lambda number, _: received.append(number))
     return lambda: bool(received)

@@ -1,7 +1,5 @@
 """What each part of a scene costs, and that it costs nothing where it is absent.
 
-    python -m mbpam_ros.study.fidelity.absent_costs
-
 Scenes that differ from a bare one (four muscles in the air that do not meet, two modes, 2 ms, lag) in one thing each.
 CPU times are the medians of several runs of the plant's steps at 100 Hz, and of the images where there is a camera; the
 bare scene is run before and after, and the difference is what a figure is worth. What is absent is not even imported:
@@ -16,7 +14,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,18 +23,19 @@ import numpy as np
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.modes import load_modes
-from mbpam_ros.gripper import Gripper, load_gripper
+from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.plant import Observation, build_plant
 from mbpam_ros.plant.scene import ALL_FINGERS, Scene, load_scene
-from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.fidelity.runs import TICK_S, proportional_spool
-from mbpam_ros.study.progress_bar import ProgressBar
+from mbpam_ros.terminal import table
 from mbpam_ros.vision.camera import load_camera_config
 from mbpam_ros.vision.render import Renderer, SceneView
 
-_DURATION_S, _REPEATS, _IMAGE_EVERY = 1.5, 5, 20
+REPEATS = 5
+_DURATION_S, _IMAGE_EVERY = 1.5, 20
 _FLOOR_M = 0.5
-_S_PER_RUN = 0.3
+S_PER_RUN = 0.3
+"""CPU of a scene [s], once."""
 _HEAVY_MODULES = {
     "rod": "mbpam_ros.plant.moving",
     "static": "mbpam_ros.plant.static",
@@ -143,25 +142,27 @@ def imported_parts(scene: Scene) -> tuple[str, ...]:
     return tuple(ended.stdout.split())
 
 
-def main(_: Sequence[str] | None = None) -> int:
-    """Print the table; return the exit status."""
-    gripper, found = load_gripper(), variants()
-    progress = ProgressBar(sys.stderr)
-    announce(f"{len(found)} scenes, each {1 + _REPEATS} times", _S_PER_RUN * len(found) * (1 + _REPEATS))
-    progress.start(1 + _REPEATS, 0)
+def measured_costs(found: Sequence[Variant], gripper: Gripper, turn_ended: Callable[[str], object]) -> dict[str, float]:
+    """Return the CPU times [ms per simulated s] by what differs: medians of several turns through all scenes.
+
+    ``turn_ended`` is called after each turn with a line about it.
+    """
     costs: dict[str, list[float]] = {variant.what: [] for variant in found}
-    for turn in range(1 + _REPEATS):  # in turn, so that a busy machine is busy for all; the first compiles
+    for turn in range(1 + REPEATS):  # in turn, so that a busy machine is busy for all; the first compiles
         for variant in found:
             costs[variant.what].append(cpu_ms_per_s(variant, gripper))
-        progress.job_ended("all scenes once more" if turn else "all scenes once, to compile")
-    medians = {what: statistics.median(values[1:]) for what, values in costs.items()}
-    print(f"{'differs in':<24}{'CPU [ms/s]':>11}{'over bare':>11}  imported")
+        turn_ended("all scenes once more" if turn else "all scenes once, to compile")
+    return {what: statistics.median(values[1:]) for what, values in costs.items()}
+
+
+def costs_text(found: Sequence[Variant], costs: Mapping[str, float]) -> str:
+    """Return the table of costs, with what a process imports for each scene."""
+    rows = []
     for variant in found:
-        cost = medians[variant.what]
-        parts = ("camera",) if variant.camera else ()
-        names = ", ".join((*imported_parts(variant.scene), *parts))
-        print(f"{variant.what:<24}{cost:>11.1f}{cost - medians['bare']:>+11.1f}  {names}", flush=True)
-    return 0
+        names = (*imported_parts(variant.scene), *(("camera",) if variant.camera else ()))
+        cost = costs[variant.what]
+        rows.append((variant.what, f"{cost:.1f}", f"{cost - costs['bare']:+.1f}", ", ".join(names)))
+    return table(("differs in", "CPU [ms/s]", "over bare", "imported"), rows)
 
 
 def _view(seen: Observation, gripper: Gripper) -> SceneView:
@@ -170,7 +171,3 @@ def _view(seen: Observation, gripper: Gripper) -> SceneView:
         finger_centrelines_m=seen.centreline_m,
         finger_radius_m=gripper.geometry.outer_radius_m,
     )
-
-
-if __name__ == "__main__":
-    sys.exit(main())
