@@ -27,8 +27,8 @@ TEST = ["pytest", "pytest-timeout", "hypothesis"]
 def shared_files() -> list[tuple[str, list[str]]]:
     """Return data_files: the package index marker, package.xml, what ros2 run finds, and ``config/`` folder by folder.
 
-    What ros2 run finds lies in ``lib/<package>`` under short names; as console scripts these would be on everybody's
-    path, where ``plant`` or ``demo`` may be anything.
+    What ros2 run finds lies in ``lib/<package>`` under short names and hands over to the console scripts: these are on
+    everybody's path, where ``plant`` or ``demo`` may be anything.
     """
     files = [
         (f"lib/{PACKAGE}", [str(path) for path in sorted(Path("executables").iterdir())]),

@@ -69,9 +69,7 @@ class Trade:
     def runs(self) -> dict[str, Run]:
         """Return each run by name, round by round through each case."""
         return {
-            f"{case.name}: {each.tier} {each.modes}, {1e3 * each.step_s:g} ms, {each.pneumatics}; {turn}": Run(
-                case, each
-            )
+            f"{_name(case, each)}, round {turn}": Run(case, each)
             for case in self.cases
             for turn in range(1, self.rounds + 1)
             for each in self.fidelities(case)

@@ -161,5 +161,5 @@ def test_the_plant_gets_the_scene_s_file_as_it_was_given(monkeypatch, tmp_path):
 def test_without_matplotlib_nothing_is_grasped(grasps, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     assert main(["demo"]) == 2
-    assert "needs matplotlib" in capsys.readouterr().err
+    assert "pictures need matplotlib" in capsys.readouterr().err
     assert grasps == []
