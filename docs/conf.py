@@ -17,7 +17,7 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathm
 # References into this package must lead somewhere; types of other packages have no page here.
 nitpicky = True
 nitpick_ignore_regex = [("py:.*", r"(?!mbpam_ros\.).*|.*\._\w+")]
-nitpick_ignore = [("py:class", f"mbpam_ros.{variable}") for variable in ("configuration.Config", "actuator.metamodel.Fitted")]
+suppress_warnings = ["ref.python"]  # two classes of one name: either page will do
 
 highlight_language = "text"  # of the docstrings' formulas; fences name theirs
 python_maximum_signature_line_length = 100

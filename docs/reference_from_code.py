@@ -20,32 +20,37 @@ import os
 import pkgutil
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from typing import TypeVar
 
 from docutils import nodes
 from docutils.parsers.rst import Parser
 from docutils.statemachine import StringList
 from docutils.utils import new_document
 from sphinx.application import Sphinx
+from sphinx.ext.autodoc.mock import mock
 from sphinx.util.docutils import SphinxDirective
 from sphinx.util.nodes import nested_parse_with_titles
 
+ROOT = "mbpam_ros"
 HELP_COLUMNS = 100
 
 _ARRAY = re.compile(r"~?numpy\.ndarray\[~?tuple\[~?typing\.Any, \.\.\.\], ~?numpy\.dtype\[~?numpy\.(\w+)\]\]")
+_MARKUP = re.compile(r"\||\*+(?=args|kwargs)")
 
 
 class Package(SphinxDirective):
-    """A section for each module of a package; of a module that is none, its members. In ``.rst`` files only."""
+    """A section for each module of a package; of the root for those in no package. In ``.rst`` files only."""
 
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
         """Let autodoc document each module."""
         name = self.arguments[0]
+        paths = getattr(importlib.import_module(name), "__path__", [])
+        found = pkgutil.iter_modules(paths, f"{name}.") if name == ROOT else pkgutil.walk_packages(paths, f"{name}.")
         modules = [
-            each.name
-            for each in pkgutil.walk_packages(getattr(importlib.import_module(name), "__path__", []), f"{name}.")
-            if not each.name.endswith("__main__")
+            each.name for each in found if not (name == ROOT and each.ispkg) and not each.name.endswith("__main__")
         ]
         lines = [f".. automodule:: {name}", *(["   :no-members:"] if modules else []), ""]
         for module in modules:
@@ -142,7 +147,8 @@ class Verbs(SphinxDirective):
 
         self.env.note_dependency(mbpam.__file__)
         os.environ["COLUMNS"] = str(HELP_COLUMNS)
-        return list(self._sections("mbpam", mbpam.VERBS))
+        with mock(self.config.autodoc_mock_imports):
+            return list(self._sections("mbpam", mbpam.VERBS))
 
     def _sections(self, program: str, verbs: Sequence) -> Iterable[nodes.Node]:
         for verb in verbs:
@@ -195,9 +201,7 @@ def _row(cells: Sequence[str]) -> nodes.row:
 
 def _inline(text: str) -> list[nodes.Node]:
     parts = re.split(r"(``.*?``)", text)
-    return [
-        nodes.literal("", part.strip("`")) if part.startswith("``") else nodes.Text(part) for part in parts if part
-    ]
+    return [nodes.literal("", part.strip("`")) if part.startswith("``") else nodes.Text(part) for part in parts if part]
 
 
 def show_formulas_as_they_stand(
@@ -249,8 +253,20 @@ def leave_out_object(app: Sphinx, doctree: nodes.document) -> None:
 
 
 def _escaped(line: str) -> str:
-    """Escape bars outside of literal text."""
-    return "".join(part if part.startswith("``") else part.replace("|", r"\|") for part in re.split(r"(``.*?``)", line))
+    """Escape bars, and the stars of arguments, outside of literal text."""
+    parts = re.split(r"(``.*?``)", line)
+    return "".join(part if part.startswith("``") else _MARKUP.sub(r"\\\g<0>", part) for part in parts)
+
+
+def leave_type_variables(app: Sphinx, env: object, node: nodes.Element, content: nodes.Element) -> nodes.Element | None:
+    """Show a type variable, which has no place of its own to refer to, as it is."""
+    module, _, name = str(node.get("reftarget")).rpartition(".")
+    if not module.startswith(ROOT):
+        return None
+    with mock(app.config.autodoc_mock_imports), suppress(ImportError):
+        if isinstance(getattr(importlib.import_module(module), name, None), TypeVar):
+            return content
+    return None
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
@@ -264,4 +280,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("autodoc-process-docstring", show_formulas_as_they_stand, priority=100)  # before Napoleon
     app.connect("autodoc-process-signature", shorten_types)
     app.connect("doctree-read", leave_out_object)
+    app.connect("missing-reference", leave_type_variables)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,33 +1,32 @@
-"""Call a running gripper's services in turn, as an operator without the command ros2 would.
+"""Call a running gripper's services, as ``ros2 service call`` would where that is not installed.
 
-python examples/operate.py enable auto lift release [--namespace /left]
+python examples/operate.py valve_controller/enable grasp/auto
+python examples/operate.py plant/lift --namespace /left
 """
 
 import argparse
-import sys
 
-import mbpam_ros.nodes.environment  # noqa: F401  isort: skip - before rclpy: the nodes' settings of the network
-import rclpy
-from rclpy.node import Node
+from mbpam_ros.commands.system import Operator  # isort: skip
 from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.nodes.interface import SERVICES, TRIGGER
 
-NAMES = {service.name.rpartition("/")[2]: service for service in SERVICES if service.name != "plant/reset"}
+TYPES = {service.name: service.service_type for service in SERVICES}
 
+parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+parser.add_argument("services", nargs="+", choices=TYPES, metavar="SERVICE", help=", ".join(TYPES))
+parser.add_argument("--namespace", default="", help="of the gripper, such as /left")
+parser.add_argument("--off", action="store_true", help="switch the air off where it would be switched on")
+options = parser.parse_args()
 
-def call(node: Node, word: str) -> bool:
-    """Call one service, print its answer, and return whether it was accepted."""
-    service = NAMES[word]
-    kind, request = (Trigger, Trigger.Request()) if service.service_type == TRIGGER else (SetBool, SetBool.Request(data=True))
-    client = node.create_client(kind, service.name)
-    if not client.wait_for_service(timeout_sec=10.0):
-        print(f"{word}: nobody serves {client.srv_name}")
-        return False
-    future = client.call_async(request)
-    rclpy.spin_until_future_complete(node, future, timeout_sec=10.0)
-    if not future.done():
-        print(f"{word}: no answer")
-        return False
-    print(f"{word}: {future.result().message}")
-    return future.result().success
+operator = Operator("operator", options.namespace)
+for name in options.services:
+    if TYPES[name] == TRIGGER:
+        answer = operator.call(Trigger, name)
+    else:
+        answer = operator.call(SetBool, name, SetBool.Request(data=not options.off))
+    print(f"{name}: {answer.message}")
+    if not answer.success:
+        break
+operator.close()
+raise SystemExit(0 if answer.success else 1)
