@@ -18,7 +18,7 @@ endef
 
 .PHONY: demo test check test-jazzy lint compiled docs bench clean
 
-demo: $(VENV)/run.stamp
+demo: compiled
 	$(BIN)/mbpam demo $(DEMO_ARGS)
 
 # Node processes run one after another in one worker; what needs no clock runs beside them, and then on both cores.
@@ -35,8 +35,7 @@ test-jazzy: $(JAZZY)/test.stamp
 	$(JAZZY)/bin/python -m pytest --numprocesses 2 --dist loadgroup test/integration
 
 compiled: $(VENV)/run.stamp
-	@echo "compiling the plant (once, about a minute)"
-	@$(BIN)/python -c "from mbpam_ros import Simulation; [Simulation(scene).tick() for scene in ('bulb', 'empty')]"
+	@$(BIN)/mbpam compile
 
 lint: $(VENV)/test.stamp
 	$(BIN)/ruff check .
