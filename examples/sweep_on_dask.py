@@ -22,8 +22,8 @@ FRICTIONS, PRESSURES_PA = (0.05, 0.6), (60e3, 100e3)  # longer lists make a fine
 def grasp(friction: float, pressure_gauge_pa: float) -> Trial:
     """Rest, close, lift and hold once; plain values in and out, so that any machine can do it."""
     scene, request = load_scene("bulb")
-    slippery = dataclasses.replace(scene, friction_coefficient=friction)
-    return run_trial(slippery, request.in_tier("arc"), load_gripper(), pressure_gauge_pa)
+    scene = dataclasses.replace(scene, friction_coefficient=friction)
+    return run_trial(scene, request.in_tier("arc"), load_gripper(), pressure_gauge_pa)
 
 
 def open_cluster(stack: ExitStack, scheduler: str | None) -> Executor:

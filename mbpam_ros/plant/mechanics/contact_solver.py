@@ -207,7 +207,7 @@ def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch)
         on_object = stop > coordinates and contacts.kind[c] != ContactKind.FINGER_FINGER
         o, arm = body + coordinates, (0.0, 0.0, 0.0)
         if on_object:
-            arm = (
+            arm = (  # as the search wrote it into the columns of turning
                 jacobian[c, coordinates + 5, 1],
                 jacobian[c, coordinates + 3, 2],
                 jacobian[c, coordinates + 4, 0],

@@ -29,7 +29,7 @@ def outer(rows):
     return Outer(Inner(np.ones((rows, 2)), True), 3, np.arange(3), 0.5)
 
 
-write, read = access(outer(1))
+write, read = access(outer(1), packed=True)
 
 
 @njit
@@ -46,7 +46,7 @@ def fill(block):
 
 def test_changes_are_seen_on_both_sides():
     parts = outer(4)
-    block = new_block(parts)
+    block = new_block(parts, packed=True)
     bind(block, parts)
     parts.row[2] = 7
     assert fill(block) == (4, True)
@@ -56,7 +56,7 @@ def test_changes_are_seen_on_both_sides():
 def test_an_array_of_another_layout_is_refused():
     parts = outer(2)
     with pytest.raises(TypingError):
-        bind(new_block(parts), parts._replace(row=np.arange(6)[::2]))
+        bind(new_block(parts, packed=True), parts._replace(row=np.arange(6)[::2]))
 
 
 @pytest.mark.parametrize(
