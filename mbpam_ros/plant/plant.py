@@ -32,8 +32,9 @@ from mbpam_ros.plant.tiers import (
     TierSetup,
     build_tier,
 )
-from mbpam_ros.pneumatics.chamber import PneumaticModel, build_pneumatics
+from mbpam_ros.pneumatics.chamber import PneumaticModel
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
+from mbpam_ros.pneumatics.registry import build_pneumatics
 from mbpam_ros.pneumatics.transducer import Transducer
 
 Array = NDArray[np.float64]

@@ -24,8 +24,8 @@ from mbpam_ros.plant.fidelity import AUTO, TABLE, FidelityTable, Tolerance, load
 from mbpam_ros.plant.planner import Forced, Plan, PlanError, forced_by, plan
 from mbpam_ros.plant.scene import ALL_FINGERS, Scene, load_scene
 from mbpam_ros.plant.tiers import tier_names
-from mbpam_ros.pneumatics.chamber import pneumatic_model_names
 from mbpam_ros.pneumatics.config import load_pneumatics
+from mbpam_ros.pneumatics.registry import pneumatic_model_names
 
 _FORCEABLE = ("tier", "modes", "step_s", "pneumatics", "contact", "camera")
 

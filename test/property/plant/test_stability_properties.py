@@ -21,8 +21,8 @@ from mbpam_ros.plant.tiers import (
     TierSetup,
     build_tier,
 )
-from mbpam_ros.pneumatics.chamber import build_pneumatics
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
+from mbpam_ros.pneumatics.registry import build_pneumatics
 
 GRIPPER = load_gripper()
 CONFIG = load_config(PlantConfig, "plant.yaml")
