@@ -89,7 +89,8 @@ def run_jobs(
     if results.other_settings:
         progress.say(f"{results.path} was made with other settings or versions: all jobs are run anew")
     missing = {name: jobs[name] for name in order if name not in results.rows}
-    announce(f"{len(missing)} jobs on one core (the workers share them)", s_per_job * len(missing), progress.stream)
+    jobs_text = f"{len(missing)} job{'' if len(missing) == 1 else 's'}"
+    announce(f"{jobs_text} on one core (the workers share them)", s_per_job * len(missing), progress.stream)
     progress.start(len(order), len(order) - len(missing))
     failures: dict[str, str] = {}
     for name, future in as_they_end(missing, work, executor, progress):
