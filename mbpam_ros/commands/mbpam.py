@@ -1,4 +1,4 @@
-"""Command ``mbpam``: everything that is not a node, a verb each. ``mbpam VERB --help`` tells of one."""
+"""Everything of mbpam_ros that is not a node, a verb each. "mbpam VERB --help" tells of one."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from mbpam_ros.configuration import ConfigError, config_path, parse_config, require_positive
 
 TABLE = "data/fidelity_trade.json"
-"""The table that the planner reads and the command ``fidelity_trade`` writes."""
+"""The table that the planner reads and ``mbpam trade`` writes."""
 
 AUTO = "auto"
 """The tier of a scene file that leaves the choice to the planner."""

@@ -10,7 +10,6 @@ import logging
 import multiprocessing
 import os
 import signal
-import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -71,8 +70,10 @@ class ThisProcess(Executor):
 
 def _processes(workers: int) -> Iterator[Executor]:
     before = set(multiprocessing.active_children())
-    executor = ProcessPoolExecutor(workers, initializer=_leave_interrupts_to_the_parent)
+    executor = ProcessPoolExecutor(workers)
     try:
+        with _interrupts_held_back():
+            executor.submit(int).result()  # starts all of them
         yield executor
     except BaseException:
         executor.shutdown(wait=False, cancel_futures=True)
@@ -83,11 +84,6 @@ def _processes(workers: int) -> Iterator[Executor]:
     executor.shutdown()
 
 
-def _leave_interrupts_to_the_parent() -> None:
-    """Ctrl-C reaches all processes of a terminal; only the parent is to answer it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
 def _dask(workers: int, address: str) -> Iterator[Executor]:
     try:
         from distributed import Client, LocalCluster
@@ -96,7 +92,7 @@ def _dask(workers: int, address: str) -> Iterator[Executor]:
     cluster = None
     try:
         if address == LOCAL_CLUSTER:
-            with _interrupts_ignored():
+            with _interrupts_held_back():
                 cluster = LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
@@ -121,13 +117,13 @@ def _dask(workers: int, address: str) -> Iterator[Executor]:
 
 
 @contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Start processes that inherit this, and leave Ctrl-C to the parent as :func:`_leave_interrupts_to_the_parent`."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may set handlers, and only it is interrupted
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _interrupts_held_back() -> Iterator[None]:
+    """Start processes that never see Ctrl-C, which reaches all of a terminal: only the parent is to answer it.
+
+    It does so at the end of the block. Half-started, a pool would not come to an end.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # threads and processes inherit it
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -71,7 +71,7 @@ def run_jobs(
 ) -> dict[str, str]:
     """Run ``work(*arguments)`` for each job without a row in ``results``, writing the file after each.
 
-    An interrupt (KeyboardInterrupt) takes back the jobs that have not begun and passes on; the file holds the rest.
+    An interrupt (KeyboardInterrupt) passes on; the file holds what has ended.
 
     Args:
         jobs: arguments by name, plain values.
@@ -107,7 +107,11 @@ def run_jobs(
 def as_they_end(
     jobs: Mapping[str, tuple], work: Callable[..., Result], executor: Executor, progress: Progress
 ) -> Iterator[tuple[str, Future[Result]]]:
-    """Yield the name and the ended future of each job; those that have not begun are taken back if nobody waits.
+    """Yield the name and the ended future of each job.
+
+    After an interrupt the others are left to whoever opened the executor, as
+    :func:`~mbpam_ros.study.executors.open_executor` throws them away. (To cancel them one by one here would meet the
+    pool in the middle of doing so.)
 
     Args:
         jobs: arguments by name.
@@ -116,19 +120,15 @@ def as_they_end(
         progress: is refreshed while one waits.
     """
     names: dict[Future[Result], str] = {}
-    try:
-        for name, arguments in jobs.items():
-            future = executor.submit(work, *arguments)
-            if future.done():
-                yield name, future
-            else:
-                names[future] = name
-        waiting = set(names)
-        while waiting:
-            done, waiting = wait(waiting, REDRAW_S, FIRST_COMPLETED)
-            progress.refresh()
-            for future in done:
-                yield names[future], future
-    finally:
-        for future in names:
-            future.cancel()
+    for name, arguments in jobs.items():
+        future = executor.submit(work, *arguments)
+        if future.done():
+            yield name, future
+        else:
+            names[future] = name
+    waiting = set(names)
+    while waiting:
+        done, waiting = wait(waiting, REDRAW_S, FIRST_COMPLETED)
+        progress.refresh()
+        for future in done:
+            yield names[future], future

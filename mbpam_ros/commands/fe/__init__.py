@@ -1,4 +1,4 @@
-"""The finite element muscle, a verb each. ``mbpam fe VERB --help`` tells of one.
+"""The finite element muscle, a verb each. "mbpam fe VERB --help" tells of one.
 
 They need the extra "fem". Pictures are written beside the result. An interrupt (Ctrl-C) keeps what is finished; the
 same command goes on from there.

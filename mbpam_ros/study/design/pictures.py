@@ -130,7 +130,7 @@ def draw_optimisation(
         responses: what was optimised.
         truth: the dense grid's front.
         fronts: the algorithms' fronts by name.
-        result: of ``optimise_design``: ``initial``, ``chosen`` and, for the paper's data, ``table_5``.
+        result: of ``mbpam optimise``: ``initial``, ``chosen`` and, for the paper's data, ``table_5``.
         path: where the picture goes; its suffix is the format.
 
     Raises:

@@ -45,7 +45,7 @@ class InterruptedBar(Progress):
         raise KeyboardInterrupt
 
 
-def test_an_interrupt_keeps_the_finished_rows_and_takes_back_the_jobs_not_begun(tmp_path):
+def test_an_interrupt_keeps_the_finished_rows_and_the_next_call_runs_the_others(tmp_path):
     path, called = tmp_path / "x.json", []
 
     def counted(name, number):
