@@ -1,28 +1,41 @@
 # make demo   set everything up and grasp the paper's five objects: six node processes over real DDS on loopback
 # make test   set everything up, lint, and run all tests
+# make check  lint and the fast unit tests in under a minute, while a change is made
+# make test-jazzy  run the node tests on the wheels of ROS 2 Jazzy
 # make docs   build the manual into build/docs; a warning is an error
 # make bench  print CPU and latency of the running system
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+JAZZY := .venv-jazzy
 # Fast DDS stays on this machine; nothing joins a multicast group.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: demo test lint compiled docs bench clean
+define refuse-other-pythons
+$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null || \
+	{ echo "error: Python 3.11 to 3.13 is needed, found $$($(PYTHON) --version 2>&1 | head -n 1); name one: make PYTHON=python3.12" >&2; exit 1; }
+endef
 
-demo: $(VENV)/run.stamp
+.PHONY: demo test check test-jazzy lint compiled docs bench clean
+
+demo: compiled
 	$(BIN)/mbpam demo $(DEMO_ARGS)
 
-# The running nodes have the machine to themselves; what needs no clock runs on both cores.
-WITHOUT_CLOCK := $(addprefix test/integration/test_,configuration_errors.py installation.py node_parameters.py)
+# Node processes run one after another in one worker; what needs no clock runs beside them, and then on both cores.
 test: $(VENV)/test.stamp
 	@$(MAKE) --no-print-directory --jobs 2 lint compiled
-	$(BIN)/python -m pytest test/integration $(addprefix --ignore=,$(WITHOUT_CLOCK))
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadgroup $(WITHOUT_CLOCK) test/unit test/property
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadgroup test
+
+# All day: no node, no study, no property. What these folders hold takes half of the processor time of the unit tests.
+check: lint
+	$(BIN)/python -m pytest --numprocesses 2 --quiet test/unit --ignore test/unit/study
+
+# The node tests on ROS 2 Jazzy, whose wheels must not share an environment with those of Kilted.
+test-jazzy: $(JAZZY)/test.stamp
+	$(JAZZY)/bin/python -m pytest --numprocesses 2 --dist loadgroup test/integration
 
 compiled: $(VENV)/run.stamp
-	@echo "compiling the plant (once, about a minute)"
-	@$(BIN)/python -c "from mbpam_ros import Simulation; [Simulation(scene).tick() for scene in ('bulb', 'empty')]"
+	@$(BIN)/mbpam compile
 
 lint: $(VENV)/test.stamp
 	$(BIN)/ruff check .
@@ -37,8 +50,7 @@ bench: $(VENV)/test.stamp
 	$(BIN)/mbpam bench $(BENCH_ARGS)
 
 $(VENV)/run.stamp: requirements.txt setup.py
-	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' || \
-		{ echo "error: Python 3.11 to 3.13 is needed, found $$($(PYTHON) --version 2>&1); name one: make PYTHON=python3.12" >&2; exit 1; }
+	@$(call refuse-other-pythons)
 	@echo "setting up $(VENV) with pinned wheels (once, about a minute)"
 	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
@@ -49,9 +61,17 @@ $(VENV)/test.stamp: $(VENV)/run.stamp requirements-test.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-test.txt
 	@touch $@
 
+$(JAZZY)/test.stamp: requirements-jazzy.txt setup.py
+	@$(call refuse-other-pythons)
+	@echo "setting up $(JAZZY) with pinned wheels (once, about a minute)"
+	@test -d $(JAZZY) || $(PYTHON) -m venv $(JAZZY)
+	@$(JAZZY)/bin/python -m pip install --quiet --disable-pip-version-check -r requirements-jazzy.txt
+	@$(JAZZY)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
+	@touch $@
+
 $(VENV)/docs.stamp: $(VENV)/run.stamp requirements-docs.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.txt
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build install log report *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	rm -rf $(VENV) $(JAZZY) build install log report *.egg-info .pytest_cache .ruff_cache .mypy_cache

@@ -1,8 +1,13 @@
 """Package the gripper for colcon (ament_python) and for pip alike."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.develop import develop
+from setuptools.command.install import install
 
 PACKAGE = "mbpam_ros"
 NODES = (
@@ -42,7 +47,35 @@ def shared_files() -> list[tuple[str, list[str]]]:
     return files
 
 
+def compile_kernels(library: str | None) -> None:
+    """Fill the cache of compiled kernels beside what was installed; where that fails, the first node to start does."""
+    path = os.pathsep.join(filter(None, [library, os.environ.get("PYTHONPATH")]))
+    command = [sys.executable, "-m", f"{PACKAGE}.commands", "compile"]
+    if subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, cwd=os.sep, check=False).returncode:
+        print("warning: no kernels compiled; the first node to start compiles them", file=sys.stderr)
+
+
+class InstallCompiled(install):
+    """``setup.py install``, which is what colcon calls."""
+
+    def run(self) -> None:
+        """Install, then compile; not while a wheel is made, which goes to other machines."""
+        super().run()
+        if self.root is None:
+            compile_kernels(self.install_lib)
+
+
+class DevelopCompiled(develop):
+    """``setup.py develop``, which is what colcon calls with ``--symlink-install``."""
+
+    def run(self) -> None:
+        """Link, then compile."""
+        super().run()
+        compile_kernels(str(Path(__file__).parent))
+
+
 setup(
+    cmdclass={"install": InstallCompiled, "develop": DevelopCompiled},
     name=PACKAGE,
     version="0.1.0",
     description="Run and simulate a four-finger gripper of multi-directional bending pneumatic artificial muscles",

@@ -6,6 +6,7 @@ SCHEDULER is the address of a running cluster, whose workers have mbpam_ros inst
 machine's cores is started. Where Dask is not installed, threads do the same.
 """
 
+import dataclasses
 import itertools
 import os
 import sys
@@ -13,15 +14,16 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack
 
 from mbpam_ros import load_gripper, load_scene
-from mbpam_ros.study.grasp.trial import Trial, run_trial, with_changes
+from mbpam_ros.study.grasp.trial import Trial, run_trial
 
 FRICTIONS, PRESSURES_PA = (0.05, 0.6), (60e3, 100e3)  # longer lists make a finer map
 
 
 def grasp(friction: float, pressure_gauge_pa: float) -> Trial:
     """Rest, close, lift and hold once; plain values in and out, so that any machine can do it."""
-    scene = with_changes(load_scene("bulb"), tier="arc", friction_coefficient=friction)
-    return run_trial(scene, load_gripper(), pressure_gauge_pa)
+    scene, request = load_scene("bulb")
+    scene = dataclasses.replace(scene, friction_coefficient=friction)
+    return run_trial(scene, request.in_tier("arc"), load_gripper(), pressure_gauge_pa)
 
 
 def open_cluster(stack: ExitStack, scheduler: str | None) -> Executor:

@@ -205,7 +205,7 @@ class Bench:
 
     def _plant_alone(self) -> None:
         """Speed of the plant's model without ROS."""
-        plant = build_plant(load_scene(self._plan.scene), load_gripper())
+        plant = build_plant(*load_scene(self._plan.scene), load_gripper())
         spool, tick_s = np.zeros(len(CHANNEL_NAMES)), 0.01
         plant.step(spool, tick_s)
         factors = []

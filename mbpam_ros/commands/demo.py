@@ -184,11 +184,11 @@ def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress) 
     Raises:
         NodeSystemError: a stage did not happen.
     """
-    if scene.config.support is None:
+    if scene.support is None:
         raise NodeSystemError(f"scene {scene.name}: no support to see the object on")
     arguments = {
         "plant": ["-p", f"scene:={name}", "-p", f"tier:={tier}"],
-        "object_detector": ["-p", f"support_depth_m:={scene.config.support.depth_m}"],
+        "object_detector": ["-p", f"support_depth_m:={scene.support.depth_m}"],
     }
     with NodeProcesses(report / scene.name, arguments) as processes:
         operator = Operator("operator", idle=processes.check)
@@ -205,7 +205,7 @@ def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress) 
 
 def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) -> GraspResult:
     spec = scene.object
-    if spec is None or scene.config.object is None:
+    if spec is None:
         raise NodeSystemError(f"scene {scene.name}: nothing to grasp")
     name = spec.label
     watcher = Watcher(operator)
@@ -248,8 +248,8 @@ def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) 
 
     operator.ask(Trigger, "plant/lift")
     watcher.event("plant/lift")
-    height_m = scene.config.lift.height_m
-    wait_for(lambda: watcher.palm_rise_m > height_m - 1e-3, 30.0 + 10.0 * scene.config.lift.duration_s, "lifting")
+    height_m = scene.lift.height_m
+    wait_for(lambda: watcher.palm_rise_m > height_m - 1e-3, 30.0 + 10.0 * scene.lift.duration_s, "lifting")
     hold_until_s = watcher.elapsed_s + HOLD_S
     wait_for(lambda: watcher.elapsed_s > hold_until_s, HOLD_S + 5.0, "holding up")
     rise_m = watcher.rise_m
@@ -259,7 +259,7 @@ def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) 
     progress.say(f"{name}: {outcome}, rose {1e3 * rise_m:.0f} of {1e3 * height_m:.0f} mm ({watcher.pace})")
 
     operator.ask(Trigger, "plant/lower")
-    wait_for(lambda: watcher.palm_rise_m < 1e-3, 30.0 + 10.0 * scene.config.lift.duration_s, "lowering")
+    wait_for(lambda: watcher.palm_rise_m < 1e-3, 30.0 + 10.0 * scene.lift.duration_s, "lowering")
     operator.ask(Trigger, "grasp/release")
     watcher.event("grasp/release")
     wait_for(lambda: watcher.grasp.get("phase") == "idle", 15.0, "releasing")
@@ -271,7 +271,7 @@ def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) 
     draw_report(watcher.record, picture)
     progress.say(f"{name}: picture report in {picture}")
     return GraspResult(
-        object=scene.config.object,
+        object=spec.name,
         mode=mode,
         expected_mode=spec.expected_mode,
         detected_size_m=size_m,
@@ -326,9 +326,9 @@ def _print_table(grasped: Sequence[tuple[Scene, GraspResult]]) -> None:
 
 
 def _scenes(names: Sequence[str]) -> dict[str, Scene]:
-    scenes = {name: load_scene(name) for name in (PAPER_SCENES if names == [ALL] else names)}
+    scenes = {name: load_scene(name)[0] for name in (PAPER_SCENES if names == [ALL] else names)}
     for scene in scenes.values():
-        if scene.object is None or scene.config.support is None:
+        if scene.object is None or scene.support is None:
             raise ConfigError(f"scene {scene.name}: the demo needs an object on a support")
     return scenes
 

@@ -22,9 +22,9 @@ from mbpam_ros.actuator.named_designs import INITIAL, load_design
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.fidelity import FidelityRequest
 from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
 from mbpam_ros.study.grasp.grasp_study import S_PER_STUDY, grasp_row, grasp_values, result_text, row_text, settings
-from mbpam_ros.study.grasp.trial import with_changes
 from mbpam_ros.study.jobs import ResultFile, run_jobs
 from mbpam_ros.study.result_file import make_folder_of
 from mbpam_ros.terminal import Progress
@@ -52,7 +52,11 @@ def run(options: argparse.Namespace) -> int:
     gripper = load_gripper()
     grippers = {name: replace(gripper, design=load_design(name)) for name in options.design}
     scenes = _scenes(options.objects, options.tier)
-    jobs = {f"{scene.name}, {design}": (scene, each, design) for scene in scenes for design, each in grippers.items()}
+    jobs = {
+        f"{scene.name}, {design}": (scene, request, each, design)
+        for scene, request in scenes
+        for design, each in grippers.items()
+    }
     if options.json is not None:
         make_folder_of(options.json)
     kept = ResultFile(
@@ -68,11 +72,11 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _scenes(names: list[str], tier: str) -> list[Scene]:
+def _scenes(names: list[str], tier: str) -> list[tuple[Scene, FidelityRequest]]:
     scenes = [load_scene(name) for name in names]
-    for scene in scenes:
+    for scene, _ in scenes:
         if scene.object is None:
             raise ConfigError(f"scene {scene.name}: nothing to grasp; name an object in it")
-        if sum(each.name == scene.name for each in scenes) > 1:
+        if sum(each.name == scene.name for each, _ in scenes) > 1:
             raise ConfigError(f"scene {scene.name}: there are two of this name; rename the file of one")
-    return [with_changes(scene, tier=tier) for scene in scenes]
+    return [(scene, request.in_tier(tier)) for scene, request in scenes]

@@ -26,6 +26,7 @@ VERBS = (
     Verb("sample", "where to run finite elements so that few samples tell most", "sample"),
     Verb("optimise", "the designs that bend furthest and press hardest, and a compromise", "optimise"),
     Verb("detect", "the objects in an image file: shape, size and place", "detect"),
+    Verb("compile", "compile all kernels ahead, so that no node does it when it starts", "compile"),
     Verb("bench", "CPU and latency of the running nodes, beside their budgets", "bench"),
     Verb("first-grasps", "how long the valves are left alone in the first grasp after a start", "first_grasps"),
 )

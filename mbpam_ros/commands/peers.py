@@ -13,7 +13,7 @@ from pathlib import Path
 
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.tiers import PlantConfig
+from mbpam_ros.plant.tiers.base import PlantConfig
 from mbpam_ros.study.peers.benchmark_peers import PARTS, compare_with_peers, result_text
 from mbpam_ros.study.peers.mujoco_model import load_mujoco
 from mbpam_ros.study.peers.pyelastica_model import load_pyelastica

@@ -19,14 +19,14 @@ import dataclasses
 from pathlib import Path
 
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.fidelity import AUTO, TABLE, Tolerance, load_fidelity_table
-from mbpam_ros.plant.planner import Forced, PlanError, forced_by, plan
-from mbpam_ros.plant.scene import ALL_FINGERS, Scene, load_scene
-from mbpam_ros.plant.tiers import tier_names
+from mbpam_ros.plant.fidelity import ALL_FINGERS, AUTO, TABLE, FidelityRequest, Tolerance, load_fidelity_table
+from mbpam_ros.plant.planner import PlanError, plan
+from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.plant.tiers.registry import tier_names
 from mbpam_ros.pneumatics.chamber import pneumatic_model_names
 from mbpam_ros.study.fidelity.plan import plan_text
 
-_FORCEABLE = ("tier", "modes", "step_s", "pneumatics", "contact", "camera")
+_DECIDED = ("tier", "modes", "sub_step_s", "pneumatics", "contact")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force-tolerance", type=float, metavar="PCT", help="of the error of contact forces")
     parser.add_argument("--tier", choices=tier_names())
     parser.add_argument("--modes", type=int, help="modes of curvature a plane")
-    parser.add_argument("--step-s", type=float, metavar="S", help="sub-step")
+    parser.add_argument("--step-s", dest="sub_step_s", type=float, metavar="S", help="sub-step")
     parser.add_argument("--pneumatics", choices=pneumatic_model_names(), help="taken for the real ones")
     parser.add_argument("--contact", action=argparse.BooleanOptionalAction, help="whether anything touches")
     parser.add_argument("--camera", action=argparse.BooleanOptionalAction, help="whether to render images")
@@ -49,15 +49,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the plan; return 1 where it is outside the tolerance."""
-    scene, table = load_scene(options.scene), load_fidelity_table(options.table)
-    finger_length_m, tolerance = load_gripper().geometry.length_m, _tolerance(scene, options)
-    found = plan(scene, finger_length_m, table, tolerance, _forced(scene, options))
-    print(plan_text(found, scene, finger_length_m, table, tolerance))
+    (scene, request), table = load_scene(options.scene), load_fidelity_table(options.table)
+    finger_length_m, tolerance = load_gripper().geometry.length_m, _tolerance(request, options)
+    asked = dataclasses.replace(_decided(request, options), tolerance=tolerance)
+    found = plan(scene, finger_length_m, table, asked, camera=options.camera)
+    print(plan_text(found, scene, request, finger_length_m, table, tolerance))
     return 0 if found.within_tolerance else 1
 
 
-def _tolerance(scene: Scene, options: argparse.Namespace) -> Tolerance:
-    values = dataclasses.asdict(scene.config.tolerance or Tolerance())
+def _tolerance(request: FidelityRequest, options: argparse.Namespace) -> Tolerance:
+    values = dataclasses.asdict(request.tolerance or Tolerance())
     if options.tolerance is not None:
         values = dict.fromkeys(values, options.tolerance)
     for name, value in (("transient_pct", options.transient_tolerance), ("contact_force_pct", options.force_tolerance)):
@@ -69,8 +70,11 @@ def _tolerance(scene: Scene, options: argparse.Namespace) -> Tolerance:
         raise PlanError(f"tolerance: {error}") from error
 
 
-def _forced(scene: Scene, options: argparse.Namespace) -> Forced:
-    given = forced_by(scene) if scene.config.tier == AUTO else Forced()
-    wanted = {name: getattr(options, name) for name in _FORCEABLE}
+def _decided(request: FidelityRequest, options: argparse.Namespace) -> FidelityRequest:
+    given = request if request.tier == AUTO else FidelityRequest()
+    wanted = {name: getattr(options, name) for name in _DECIDED}
     wanted["moving_fingers"] = options.fingers and tuple(options.fingers)
-    return dataclasses.replace(given, **{name: value for name, value in wanted.items() if value is not None})
+    try:
+        return dataclasses.replace(given, **{name: value for name, value in wanted.items() if value is not None})
+    except ValueError as error:
+        raise PlanError(str(error)) from error

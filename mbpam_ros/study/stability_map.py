@@ -18,7 +18,9 @@ from mbpam_ros.actuator.chambers import pressurised_chambers
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import Gripper, load_gripper
-from mbpam_ros.plant.tiers import (
+from mbpam_ros.plant.fidelity import Fidelity
+from mbpam_ros.plant.planner import CONTACT_MODES, FREE_MODES
+from mbpam_ros.plant.tiers.base import (
     Actuation,
     PlantConfig,
     PlantDivergedError,
@@ -27,8 +29,8 @@ from mbpam_ros.plant.tiers import (
     TierError,
     TierSetup,
     TierState,
-    build_tier,
 )
+from mbpam_ros.plant.tiers.registry import build_tier
 
 TIERS = ("static", "arc", "rod")
 STEPS_S = (1e-5, 1e-4, 1e-3, 2e-3, 5e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
@@ -79,8 +81,9 @@ def run_cell(tier: str, step_s: float, stiffness_n_m: float | None, gripper: Gri
         )
     state: TierState | None = None
     outcome, message = "", ""
+    modes = 1 if tier != "rod" else FREE_MODES if stiffness_n_m is None else CONTACT_MODES
     try:
-        muscles = build_tier(tier, _setup(step_s, stiffness_n_m is not None, gripper, config))
+        muscles = build_tier(_setup(stiffness_n_m is not None, gripper, config), Fidelity(tier, modes, step_s))
         _close(muscles, step_s, FREE_HOLDING_S if stiffness_n_m is None else HOLDING_S, gripper)
         state = muscles.state()
     except (PlantDivergedError, TierError) as error:
@@ -128,13 +131,12 @@ def map_text(cells: Sequence[Cell]) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _setup(step_s: float, with_object: bool, gripper: Gripper, config: PlantConfig) -> TierSetup:
+def _setup(with_object: bool, gripper: Gripper, config: PlantConfig) -> TierSetup:
     body = RigidBody("sphere", (_SIZE_M,) * 3, _MASS_KG, np.array([0.0, 0.0, _DEPTH_M]), np.array([0.0, 0.0, 0.0, 1.0]))
     return TierSetup(
         geometry=gripper.geometry,
         finger_base_m=gripper.finger_base_m,
         gravity_m_s2=GRAVITY_M_S2,
-        sub_step_s=step_s,
         body=body if with_object else None,
         planes_m=_STAND_M if with_object else np.empty((0, 3)),
         config=config,
@@ -144,9 +146,10 @@ def _setup(step_s: float, with_object: bool, gripper: Gripper, config: PlantConf
 
 def _close(muscles: Tier, step_s: float, holding_s: float, gripper: Gripper) -> None:
     none, full = (_inward(share * PRESSURE_GAUGE_PA, gripper) for share in (0.0, 1.0))
-    for before, duration_s, fewest in ((none, CLOSING_S, 1), (full, holding_s, FEWEST_STEPS)):
+    muscles.reset(none)
+    for duration_s, fewest in ((CLOSING_S, 1), (holding_s, FEWEST_STEPS)):
         still = np.zeros(max(round(duration_s / step_s), fewest) + 1)
-        muscles.step(before, full, still, still)
+        muscles.step(full, still, still)
 
 
 def _inward(pressure_gauge_pa: float, gripper: Gripper) -> Actuation:

@@ -24,13 +24,24 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
-from mbpam_ros.gripper import load_gripper
+from mbpam_ros.commands.compile import compile_all
 from mbpam_ros.nodes.messages import time_stamp
 from mbpam_ros.nodes.runtime import STREAM
-from mbpam_ros.plant.plant import build_plant
-from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.terminal import Progress
 
 WAIT_S = 10.0
+
+REAL_CLOCK = pytest.mark.xdist_group("real_clock")
+"""Node processes run one after another in one worker of xdist, so that no other test's nodes compete with them."""
+
+
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what starts node processes: those tests need a directory for their output."""
+    for item in items:
+        if "log_directory" in getattr(item, "fixturenames", ()):
+            item.add_marker(REAL_CLOCK)
+
 
 _domain_numbers = itertools.count(1 + os.getpid() % 100)
 
@@ -125,8 +136,7 @@ class Graph:
 @pytest.fixture(scope="session")
 def compiled_plant() -> None:
     """Have the simulated plant compiled: on a fresh machine that takes longer than a test waits."""
-    for scene in ("bulb", "empty"):
-        build_plant(load_scene(scene), load_gripper()).step([0.0] * 16, 0.01)
+    compile_all(Progress(silent=True))
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 
-@pytest.mark.usefixtures("compiled_plant")
+@pytest.mark.usefixtures("compiled_plant", "log_directory")
 def test_the_demo_grasps_lifts_and_releases_the_tube(tmp_path):
     report, file = tmp_path / "report", tmp_path / "tube.json"
     command = [sys.executable, "-m", "mbpam_ros.commands", "demo", "--objects", "tube"]

@@ -12,12 +12,13 @@ import mbpam_ros
 PACKAGE = Path(mbpam_ros.__file__).parent
 MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
 
-GROUND = {"answer", "configuration", "errors"}
+GROUND = {"answer", "configuration", "errors", "geometry"}
 MACHINE = GROUND | {"actuator", "pneumatics", "gripper"}
 ALLOWED = {
     "errors": set(),
     "answer": set(),
     "configuration": {"errors"},
+    "geometry": set(),
     "actuator": GROUND,
     "pneumatics": GROUND | {"actuator"},
     "gripper": GROUND | {"actuator"},

@@ -22,7 +22,7 @@ def test_the_loops_close_with_every_named_design_and_the_same_run_gives_the_same
     gripper = dataclasses.replace(load_gripper(), design=load_design(design))
 
     def run():
-        simulation = Simulation(load_scene("bulb"), gripper)
+        simulation = Simulation(*load_scene("bulb"), gripper)
         simulation.run(0.1)
         assert simulation.grasp().accepted
         simulation.run(1.0)
@@ -83,7 +83,7 @@ def test_the_public_names_are_there_and_no_other():
     for name in mbpam_ros.__all__:
         assert getattr(mbpam_ros, name).__doc__
     assert dir(mbpam_ros) == mbpam_ros.__all__
-    with pytest.raises(AttributeError, match="no attribute 'Grippr'; it has Answer, Gripper"):
+    with pytest.raises(AttributeError, match="no attribute 'Grippr'; it has Answer, .*, Gripper"):
         mbpam_ros.Grippr  # noqa: B018
     assert issubclass(SimulationTimeError, MbpamError)
 

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
-from mbpam_ros.plant.fidelity import AUTO, FidelityTable, Tolerance
-from mbpam_ros.plant.planner import Plan, PlanError, forced_by, plan
+from mbpam_ros.plant.fidelity import AUTO, FidelityRequest, FidelityTable, Tolerance
+from mbpam_ros.plant.planner import Plan, PlanError, plan
 from mbpam_ros.plant.scene import Scene
 from mbpam_ros.pneumatics.config import load_pneumatics
 
 
-def plan_text(found: Plan, scene: Scene, finger_length_m: float, table: FidelityTable, tolerance: Tolerance) -> str:
-    """Return a plan of a scene as text and, where its file does not leave it open, what the file gives beside it.
+def plan_text(
+    found: Plan,
+    scene: Scene,
+    request: FidelityRequest,
+    finger_length_m: float,
+    table: FidelityTable,
+    tolerance: Tolerance,
+) -> str:
+    """Return a plan of a scene as text and, where its file does not leave it open, what the file asks for beside it.
 
     Raises:
         ConfigError: the pneumatics cannot be read.
@@ -23,17 +31,17 @@ def plan_text(found: Plan, scene: Scene, finger_length_m: float, table: Fidelity
         "",
         str(found),
     ]
-    if scene.config.tier != AUTO:
-        lines += ["", _as_the_file_says(scene, finger_length_m, table, tolerance)]
+    if request.tier != AUTO:
+        asked = dataclasses.replace(request, tolerance=tolerance)
+        lines += ["", _as_the_file_says(scene, asked, finger_length_m, table)]
     return "\n".join(lines)
 
 
-def _as_the_file_says(scene: Scene, finger_length_m: float, table: FidelityTable, tolerance: Tolerance) -> str:
-    given = forced_by(scene)
-    given = dataclasses.replace(given, pneumatics=given.pneumatics or load_pneumatics().model)
-    step_ms = 1e3 * scene.config.planned_sub_step_s
-    title = f"as the file says ({given.tier}, {step_ms:g} ms, {given.pneumatics} taken for the real one)"
+def _as_the_file_says(scene: Scene, request: FidelityRequest, finger_length_m: float, table: FidelityTable) -> str:
+    asked = dataclasses.replace(request, pneumatics=request.pneumatics or load_pneumatics().model)
+    step_ms = 1e3 * (asked.sub_step_s or math.nan)
+    title = f"as the file says ({asked.tier}, {step_ms:g} ms, {asked.pneumatics} taken for the real one)"
     try:
-        return f"{title}: {plan(scene, finger_length_m, table, tolerance, given).expected}"
+        return f"{title}: {plan(scene, finger_length_m, table, asked).expected}"
     except PlanError as error:
         return f"{title}: {error}"

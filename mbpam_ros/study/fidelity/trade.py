@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeAlias
 
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.fidelity import Fidelity, Measured
-from mbpam_ros.plant.tiers import PlantDivergedError
+from mbpam_ros.plant.tiers.base import PlantDivergedError
 from mbpam_ros.study.fidelity.boundary_value import boundary_value_error_pct
 from mbpam_ros.study.fidelity.cases import Case
 from mbpam_ros.study.fidelity.errors import Errors, errors
@@ -192,7 +192,7 @@ def row_values(row: Measured) -> dict[str, str | float]:
 
 
 def _name(case: Case, fidelity: Fidelity) -> str:
-    step_ms = 1e3 * fidelity.step_s
+    step_ms = 1e3 * fidelity.sub_step_s
     return f"{case.name}: {fidelity.tier} {fidelity.modes}, {step_ms:g} ms, {fidelity.pneumatics}"
 
 
@@ -210,8 +210,8 @@ def _row(case: Case, fidelity: Fidelity, runs: Sequence[dict]) -> Measured:
         scene=case.name,
         tier=fidelity.tier,
         modes=fidelity.modes,
-        step_s=fidelity.step_s,
-        pneumatics=fidelity.pneumatics,
+        step_s=fidelity.sub_step_s,
+        pneumatics=str(fidelity.pneumatics),
         static_error_pct=off.static_pct,
         transient_error_pct=off.transient_pct,
         pressure_error_pct=off.pressure_pct,

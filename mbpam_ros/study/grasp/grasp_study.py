@@ -14,9 +14,10 @@ import numpy as np
 
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import Gripper
+from mbpam_ros.plant.fidelity import FidelityRequest
 from mbpam_ros.plant.scene import PAPER_SCENES, Scene
 from mbpam_ros.study.grasp.least_pressure import LeastPressure, least_pressure
-from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S, Trial, run_trial, with_changes
+from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S, Trial, run_trial
 from mbpam_ros.study.provenance import sources_digest
 from mbpam_ros.terminal import table
 
@@ -66,11 +67,12 @@ class GraspRow:
         return "caging" if self.slippery_at_nominal.held else "friction"
 
 
-def study_grasp(scene: Scene, gripper: Gripper, design: str) -> GraspRow:
+def study_grasp(scene: Scene, request: FidelityRequest, gripper: Gripper, design: str) -> GraspRow:
     """Search the least pressures that hold the object of a scene, with its friction and without.
 
     Args:
-        scene: with an object, in the tier to compute in.
+        scene: with an object.
+        request: how to compute it.
         gripper: with the design in it.
         design: its name, for the record.
 
@@ -78,29 +80,29 @@ def study_grasp(scene: Scene, gripper: Gripper, design: str) -> GraspRow:
         ConfigError, TierError: the scene or a file is wrong.
     """
     spec = scene.object
-    if spec is None or scene.config.object is None:
+    if spec is None:
         raise ConfigError(f"scene {scene.name}: nothing to grasp; name an object in it")
     grid = [*np.arange(LEAST_PA, gripper.pressure_limit_gauge_pa - 1.0, STEP_PA), gripper.pressure_limit_gauge_pa]
     trials: dict[tuple[str, float], Trial] = {}
 
     def trial(scene: Scene, pressure_pa: float) -> Trial:
         if (scene.name, pressure_pa) not in trials:
-            trials[scene.name, pressure_pa] = run_trial(scene, gripper, pressure_pa)
+            trials[scene.name, pressure_pa] = run_trial(scene, request, gripper, pressure_pa)
         return trials[scene.name, pressure_pa]
 
     def search(scene: Scene) -> LeastPressure:
         return least_pressure(lambda pressure: trial(scene, pressure).held, [float(p) for p in grid], RESOLUTION_PA)
 
-    slippery = replace(with_changes(scene, friction_coefficient=SLIPPERY), name=f"{scene.name}, slippery")
+    slippery = replace(scene, friction_coefficient=SLIPPERY, name=f"{scene.name}, slippery")
     return GraspRow(
         scene=scene.name,
-        object=scene.config.object,
+        object=spec.name,
         mass_kg=spec.mass_kg,
         papers_mode=spec.expected_mode,
         design=design,
         a_mm=gripper.design.a_mm,
         b_mm=gripper.design.b_mm,
-        tier=scene.config.tier,
+        tier=request.tier,
         at_nominal=trial(scene, NOMINAL_PA),
         slippery_at_nominal=trial(slippery, NOMINAL_PA),
         least=search(scene),
@@ -137,7 +139,7 @@ def result_text(rows: Sequence[GraspRow]) -> str:
     return "\n".join(lines)
 
 
-def settings(tier: str, scenes: Sequence[Scene]) -> dict[str, object]:
+def settings(tier: str, scenes: Sequence[tuple[Scene, FidelityRequest]]) -> dict[str, object]:
     """Return what all rows depend on, as JSON has it."""
     return {
         "nominal_gauge_pa": NOMINAL_PA,
@@ -146,14 +148,14 @@ def settings(tier: str, scenes: Sequence[Scene]) -> dict[str, object]:
         "held_share_of_lift": HELD_SHARE,
         "hold_s": HOLD_S,
         "tier": tier,
-        "scenes": {scene.name: repr(scene) for scene in scenes},
+        "scenes": {scene.name: repr((scene, request)) for scene, request in scenes},
         "sources": sources_digest(),
     }
 
 
-def grasp_values(scene: Scene, gripper: Gripper, design: str) -> dict[str, object]:
+def grasp_values(scene: Scene, request: FidelityRequest, gripper: Gripper, design: str) -> dict[str, object]:
     """Return :func:`study_grasp` as plain values: the fields of the row, and ``held_by``."""
-    row = study_grasp(scene, gripper, design)
+    row = study_grasp(scene, request, gripper, design)
     return {**asdict(row), "held_by": row.held_by}
 
 

@@ -33,7 +33,7 @@ def grasps(monkeypatch):
                 raise NodeSystemError("closing: not within 10 s")
             mode, size_m = scene.object.expected_mode, list(scene.object.size_m)
             held = scene.name not in self.dropped
-            return GraspResult(scene.config.object, mode, mode, size_m, size_m, held, 0.1 * held, 0.58)
+            return GraspResult(scene.object.name, mode, mode, size_m, size_m, held, 0.1 * held, 0.58)
 
     calls = Grasps()
     monkeypatch.setattr(demo, "grasp", calls)
@@ -141,7 +141,7 @@ def test_a_fault_ends_the_grasp_at_once_with_its_reason(monkeypatch, tmp_path):
     monkeypatch.setattr(demo, "NodeProcesses", lambda *_: processes)
     monkeypatch.setattr(demo, "Operator", lambda *_, **__: FaultyOperator())
     with pytest.raises(NodeSystemError, match="waiting for plant.*: fault: 16 of 16 channels at fault"):
-        demo.grasp("bulb", load_scene("bulb"), "rod", tmp_path, Progress())
+        demo.grasp("bulb", load_scene("bulb")[0], "rod", tmp_path, Progress())
 
 
 def test_the_plant_gets_the_scene_s_file_as_it_was_given(monkeypatch, tmp_path):
@@ -154,7 +154,7 @@ def test_the_plant_gets_the_scene_s_file_as_it_was_given(monkeypatch, tmp_path):
     monkeypatch.setattr(demo, "NodeProcesses", processes)
     file = tmp_path / "bulb.yaml"
     with pytest.raises(NodeSystemError):
-        demo.grasp(str(file), load_scene("bulb"), "rod", tmp_path, Progress())
+        demo.grasp(str(file), load_scene("bulb")[0], "rod", tmp_path, Progress())
     assert f"scene:={file}" in given["plant"]
 
 

@@ -9,7 +9,7 @@ import pytest
 from mbpam_ros.commands.mbpam import main
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.tiers import PlantConfig
+from mbpam_ros.plant.tiers.base import PlantConfig
 from mbpam_ros.study import stability_map
 from mbpam_ros.study.stability_map import Cell, map_text, run_cell
 
@@ -40,8 +40,8 @@ def test_contact_at_steps_of_a_second_is_solved_in_few_of_newtons_steps():
 
 
 def test_a_number_that_is_not_finite_is_a_fault(monkeypatch, capsys):
-    def broken(name, setup):
-        tier = stability_map_build(name, setup)
+    def broken(setup, fidelity):
+        tier = stability_map_build(setup, fidelity)
         state = tier.state
         tier.state = lambda: dataclasses.replace(state(), bend_rad=np.full((4, 2), np.nan))
         return tier
@@ -54,7 +54,7 @@ def test_a_number_that_is_not_finite_is_a_fault(monkeypatch, capsys):
 
 
 def test_an_error_of_another_kind_is_a_fault(monkeypatch):
-    def broken(name, setup):
+    def broken(setup, fidelity):
         raise ZeroDivisionError("division by zero")
 
     monkeypatch.setattr(stability_map, "build_tier", broken)

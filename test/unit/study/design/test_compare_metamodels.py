@@ -20,6 +20,8 @@ EQUATIONS = {
     "f_max": [-0.6614, 0.8489, 1.2680, -0.3633, -0.5750, -0.0491, 0.0475, 0.0809],
 }
 
+pytestmark = pytest.mark.xdist_group("compare_metamodels")  # what its command writes is computed once
+
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):

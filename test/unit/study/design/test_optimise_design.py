@@ -14,6 +14,8 @@ from mbpam_ros.study.design.pareto import Front, grid_front
 from mbpam_ros.study.design.responses import fitted_responses, published_responses
 from mbpam_ros.study.design.samples import Samples
 
+pytestmark = pytest.mark.xdist_group("optimise_design")  # what its command writes is computed once
+
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):

@@ -22,6 +22,8 @@ from mbpam_ros.study.fe.posture import upright_bends_rad, upright_tip_angle_rad
 
 RUN = Run(CellGeometry(a_mm=1.5, c_mm=3.0), "pdc", MESHES["coarse"])
 
+pytestmark = pytest.mark.xdist_group("fe_muscle_shape")  # its muscle is solved once
+
 
 @pytest.fixture(scope="module")
 def shapes() -> list[MuscleShape]:

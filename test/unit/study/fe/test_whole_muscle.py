@@ -38,6 +38,9 @@ def disturbed(model, seed=4):
     return x, rng.standard_normal(x.shape)
 
 
+pytestmark = pytest.mark.xdist_group("whole_muscle")  # its muscles are solved once
+
+
 @pytest.fixture(scope="module")
 def heavy():
     return muscle(waves=2, ends=EndPieces(5.0, 5.0, density_factor=4.0))

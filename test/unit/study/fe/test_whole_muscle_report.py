@@ -17,6 +17,8 @@ COARSE = Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2)
 STIFF = Case(CellGeometry(a_mm=1.5, c_mm=3.0, wave_count=1.0, active_length_mm=7.0), "psc", COARSE, EndPieces(4.0, 2.0))
 """A muscle that bends little: its runs are short."""
 
+pytestmark = pytest.mark.xdist_group("whole_muscle_report")  # its muscles are solved once
+
 
 @pytest.fixture(scope="module")
 def rows():

@@ -25,9 +25,14 @@ from mbpam_ros.study.fidelity.trade import can_run, fidelities
 GRIPPER = load_gripper()
 GEOMETRY = GRIPPER.geometry
 AIR = Case(
-    "free_bend", load_scene("empty"), np.tile([40e3, 0.0, 0.0, 0.0], 4), ((0.0, 0.0), (0.05, 1.0)), (0.1,), (0.0, 0.1)
+    name="free_bend",
+    scene=load_scene("empty")[0],
+    setpoint_gauge_pa=np.tile([40e3, 0.0, 0.0, 0.0], 4),
+    shares=((0.0, 0.0), (0.05, 1.0)),
+    rest_s=(0.1,),
+    moving_s=(0.0, 0.1),
 )
-GRASP = dataclasses.replace(AIR, name="sphere", scene=load_scene("bulb"), rest_s=(0.0, 0.1), moving_s=(0.05, 0.1))
+GRASP = dataclasses.replace(AIR, name="sphere", scene=load_scene("bulb")[0], rest_s=(0.0, 0.1), moving_s=(0.05, 0.1))
 WEIGHT_N = GRASP.scene.object.mass_kg * 9.81
 
 
@@ -231,7 +236,6 @@ def test_a_plan_outside_the_tolerance_has_its_own_exit_status(capsys):
 
 def test_what_is_absent_from_a_scene_is_not_imported():
     """No tier and no model that the scene does not ask for."""
-    scene = load_scene("empty")
-    bare = dataclasses.replace(scene.config, tier="static", sub_step_s=0.01, pneumatics="ideal")
-    assert imported_parts(dataclasses.replace(scene, config=bare)) == ("static",)
-    assert imported_parts(scene) == ("rod",)
+    scene, _ = load_scene("empty")
+    assert imported_parts(scene, Fidelity("static", 1, 0.01, "ideal")) == ("static",)
+    assert imported_parts(scene, Fidelity("arc", 1, 0.002)) == ("rod",)

@@ -16,8 +16,8 @@ def thresholds(monkeypatch):
     least_pa = {"initial": 63e3, "optimised": 47e3}
     names = {}
 
-    def trial(scene, gripper, pressure_pa):
-        slippery = scene.config.friction_coefficient == grasp_study.SLIPPERY
+    def trial(scene, request, gripper, pressure_pa):
+        slippery = scene.friction_coefficient == grasp_study.SLIPPERY
         held = pressure_pa >= least_pa[names[gripper.design.a_mm]] * (2.0 if slippery else 1.0)
         return Trial("envelope", held, 0.1 if held else 0.0, 0.1, 0.2, 0.5, 1.0 if held else 0.0)
 
@@ -57,14 +57,14 @@ def test_designs_stand_side_by_side_in_table_and_json(thresholds, capsys, tmp_pa
 
 def test_what_is_not_held_is_said(monkeypatch, capsys):
     lost = Trial("slender_rod", False, 0.0, 0.1, None, 0.5, 0.0)
-    monkeypatch.setattr(grasp_study, "run_trial", lambda scene, gripper, pressure_pa: lost)
+    monkeypatch.setattr(grasp_study, "run_trial", lambda *_: lost)
     assert main(["grasps", "--objects", "tube", "--design", "initial"]) == 0
     row = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("aluminium_tube"))
     assert row.split()[5:] == ["slender_rod", "not", "held", "-", "0", "-", "0.50", "none", "none"]
 
 
 def test_a_pressure_that_fails_above_the_least_one_is_named(monkeypatch, capsys):
-    def trial(scene, gripper, pressure_pa):
+    def trial(scene, request, gripper, pressure_pa):
         held = pressure_pa in (60e3, 80e3, 100e3, 110e3)
         return Trial("envelope", held, 0.1 if held else 0.0, 0.1, 0.2, 0.5, 0.0)
 
@@ -102,7 +102,7 @@ def test_what_the_file_holds_is_not_searched_again(thresholds, monkeypatch, caps
     first = json.loads((tmp_path / "grasps.json").read_text(encoding="utf-8"))["grasps"]
     searched = []
     study = grasp_study.study_grasp
-    monkeypatch.setattr(grasp_study, "study_grasp", lambda *job: (searched.append(job[2]), study(*job))[1])
+    monkeypatch.setattr(grasp_study, "study_grasp", lambda *job: (searched.append(job[3]), study(*job))[1])
     capsys.readouterr()
     assert main(command) == 0
     assert searched == ["optimised"]

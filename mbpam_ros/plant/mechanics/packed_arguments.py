@@ -4,7 +4,8 @@ To pass sixty arrays one by one takes several times as long as a sub-step does. 
 written, as compiled code holds them, into a block of memory, and a call passes this block. Whoever made the arrays
 keeps them as long as the block is used; no references are counted.
 
-Without the compiler the block is a list with the tuple in it.
+This is numba's inside, of which no version promises anything: 0.59 to 0.68 have been tried. With any other, and without
+the compiler, the block is the tuple itself and is passed as such: the same results, later.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numba
 import numpy as np
 from llvmlite import ir
-from numba import typeof
+from numba import njit, typeof
 from numba.core import config, types
 from numba.core.base import BaseContext
 from numba.core.typing import Signature
@@ -22,20 +24,24 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 from numpy.typing import NDArray
 
+OLDEST_NUMBA, NEWEST_NUMBA = (0, 59), (0, 68)
+"""Versions of which tuples are packed."""
+
 Parts = tuple[Any, ...]
-Block = NDArray[np.uint8] | list[Parts]
+Block = NDArray[np.uint8] | Parts
 
 _PER_ARRAY, _PER_NUMBER = 5 + 2 * 4, 1
 """The most words of eight bytes that an array, of up to four dimensions, and a number take."""
 
 
-def new_block(parts: Parts) -> Block:
-    """Return a block with room for the parts; without the compiler, with the parts."""
-    return [parts] if _uncompiled() else np.zeros(8 * _words(parts), np.uint8)
+def packs(version: tuple[int, int] = numba.version_info.short) -> bool:
+    """Return whether tuples are packed with this version of numba, and its compiler is not switched off."""
+    return OLDEST_NUMBA <= version <= NEWEST_NUMBA and not config.DISABLE_JIT  # type: ignore[attr-defined]  # from the environment
 
 
-def _uncompiled() -> bool:
-    return bool(config.DISABLE_JIT)  # type: ignore[attr-defined]  # numba sets it from the environment
+def new_block(parts: Parts, packed: bool = packs()) -> Block:
+    """Return a block with room for the parts; where they are not packed, the parts."""
+    return np.zeros(8 * _words(parts), np.uint8) if packed else parts
 
 
 def _words(part: object) -> int:
@@ -44,13 +50,13 @@ def _words(part: object) -> int:
     return _PER_ARRAY if isinstance(part, np.ndarray) else _PER_NUMBER
 
 
-def access(sample: Parts) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def access(sample: Parts, packed: bool = packs()) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return what compiled code writes tuples of the type of the sample into blocks with, and what it reads them with.
 
-    Other types are refused when the code is compiled.
+    Where tuples are packed, other types are refused when the code is compiled.
     """
-    if _uncompiled():
-        return _keep, _first
+    if not packed:
+        return _nothing_to_write, _itself
     kind = typeof(sample)
 
     @intrinsic
@@ -75,12 +81,14 @@ def access(sample: Parts) -> tuple[Callable[..., Any], Callable[..., Any]]:
     return write, read
 
 
-def _keep(block: list[Parts], parts: Parts) -> None:
-    block[0] = parts
+@njit
+def _nothing_to_write(block: Parts, parts: Parts) -> None:
+    pass
 
 
-def _first(block: list[Parts]) -> Parts:
-    return block[0]
+@njit
+def _itself(block: Parts) -> Parts:
+    return block
 
 
 def _place(

@@ -4,23 +4,19 @@ import numpy as np
 import pytest
 
 from mbpam_ros.actuator.kinematics import centreline
+from mbpam_ros.geometry.surfaces import BOX, CYLINDER, SPHERE, signed_distance
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.contact import contact_force, contact_slope, contact_table
-from mbpam_ros.plant.contact_config import ContactConfig
-from mbpam_ros.plant.contact_search import (
+from mbpam_ros.plant.mechanics.contact_config import ContactConfig, ContactKind
+from mbpam_ros.plant.mechanics.contact_law import contact_force, contact_slope, contact_table
+from mbpam_ros.plant.mechanics.contact_search import (
     BALLS,
-    FINGER_OBJECT,
-    FINGER_SUPPORT,
-    OBJECT_SUPPORT,
     Surroundings,
     _object_columns,
     contact_limit,
 )
-from mbpam_ros.plant.contact_solver import _hessian, _push, _relative, _residual, scratch
-from mbpam_ros.plant.finger_contact import FINGER_FINGER
-from mbpam_ros.plant.multibody import State, System, advance, assemble, bind
-from mbpam_ros.plant.rod import build_rod
-from mbpam_ros.plant.shapes import BOX, CYLINDER, SPHERE, signed_distance
+from mbpam_ros.plant.mechanics.contact_solver import _hessian, _push, _relative, _residual, scratch
+from mbpam_ros.plant.mechanics.rod import build_rod
+from mbpam_ros.plant.mechanics.step import State, System, advance, assemble, bind
 
 GEOMETRY = load_gripper().geometry
 ROD = build_rod(GEOMETRY, 1, 7, BALLS)
@@ -150,15 +146,18 @@ def test_slope_is_the_derivative_of_the_force_and_symmetric_and_positive(velocit
     assert np.linalg.eigvalsh(whole).min() > -1e-9
 
 
-@pytest.mark.parametrize("kind", [FINGER_OBJECT, OBJECT_SUPPORT, FINGER_SUPPORT, FINGER_FINGER])
+@pytest.mark.parametrize("kind", [kind for kind in ContactKind if kind != ContactKind.OBJECT_PALM])
 def test_the_solutions_derivative_is_that_of_its_equations(kind):
     random, coordinates, size = np.random.default_rng(kind), 4, 22
     table, laws = contact_table(1, coordinates), np.array([CONFIG.law()] * 5)
     table.count[0], table.kind[0], table.depth[0], table.share[0] = 1, kind, 2e-4, 0.5
-    table.finger[0], table.other[0] = (-1 if kind == OBJECT_SUPPORT else 1), (3 if kind == FINGER_FINGER else -1)
+    table.finger[0], table.other[0] = (
+        (-1 if kind == ContactKind.OBJECT_SUPPORT else 1),
+        (3 if kind == ContactKind.FINGER_FINGER else -1),
+    )
     table.normal[0], table.jacobian[0] = NORMAL, 0.05 * random.standard_normal(table.jacobian[0].shape)
-    if kind in (FINGER_OBJECT, OBJECT_SUPPORT):
-        _object_columns.py_func(0.01, -0.02, 0.03, coordinates, table.jacobian[0].T)
+    if kind in (ContactKind.FINGER_OBJECT, ContactKind.OBJECT_SUPPORT):
+        _object_columns.py_func((0.01, -0.02, 0.03), coordinates, table.jacobian[0].T)
     room, zero, v = scratch(size, coordinates, 4), np.zeros((size, size)), 1e-4 * random.standard_normal(size)
     room.first[:] = 0
 

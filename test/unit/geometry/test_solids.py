@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mbpam_ros.plant.shapes import BOX, CYLINDER, REST_POINTS, SPHERE, rest_points, signed_distance
-from mbpam_ros.plant.solids import half_height, principal_inertia
+from mbpam_ros.geometry.solids import SHAPES, distance_m, half_height, principal_inertia
+from mbpam_ros.geometry.surfaces import BOX, CYLINDER, REST_POINTS, SHAPE_CODES, SPHERE, rest_points, signed_distance
 
 SIZES = {"sphere": (0.06, 0.06, 0.06), "cylinder": (0.02, 0.02, 0.25), "box": (0.035, 0.12, 0.06)}
 LYING = np.array([-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # body z along world y
@@ -45,6 +45,30 @@ def test_known_distances():
     assert signed_distance(CYLINDER, half, 0.0, 0.004, 0.0) == pytest.approx((-0.006, 0.0, 1.0, 0.0))
     assert signed_distance(BOX, half, -0.013, 0.024, 0.0)[0] == pytest.approx(0.005)
     assert signed_distance(BOX, half, 0.0, 0.0, 0.028) == pytest.approx((-0.002, 0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_distances_are_those_of_the_nearest_of_many_points_of_the_surface(shape):
+    size = {"sphere": (0.06,) * 3, "cylinder": (0.03, 0.03, 0.1), "box": (0.04, 0.06, 0.1)}[shape]
+    half = 0.5 * np.array(size)
+    rng = np.random.default_rng(1)
+    inside = rng.uniform(-half, half, size=(400_000, 3))
+    if shape != "box":
+        around = inside[:, : 3 if shape == "sphere" else 2]
+        inside = inside[np.linalg.norm(around, axis=1) <= half[0]]
+    points = rng.uniform(-0.1, 0.1, size=(8, 3))
+    points = points[np.abs(points).max(axis=1) > 0.055]
+    sought = [np.linalg.norm(inside - point, axis=1).min() for point in points]
+    np.testing.assert_allclose(distance_m(shape, size, points), sought, atol=0.002)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_distances_of_many_points_are_those_of_each(shape):
+    half = 0.5 * np.array(SIZES[shape])
+    points = np.random.default_rng(2).uniform(-2.0 * half, 2.0 * half, size=(200, 3))
+    each = [signed_distance(SHAPE_CODES[shape], half, *point)[0] for point in points]
+    assert min(each) < 0.0 < max(each)
+    np.testing.assert_allclose(distance_m(shape, SIZES[shape], points), each, atol=1e-15)
 
 
 def test_a_sphere_rests_on_its_lowest_point_if_that_is_over_the_stand():

@@ -23,8 +23,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mbpam_ros.plant.bound import Block
-from mbpam_ros.plant.multibody import OK, Array, Drive, Parts, advance, bind
+from mbpam_ros.plant.mechanics.packed_arguments import Block
+from mbpam_ros.plant.mechanics.step import OK, Drive, Parts, advance, bind, forget
+from mbpam_ros.plant.mechanics.vectors import Array
 
 _OUTER = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
 SHARES = (_OUTER, _OUTER, 1.0 - 4.0 * _OUTER, _OUTER, _OUTER)
@@ -40,7 +41,7 @@ class Composition:
         self._shares = [bind(parts._replace(system=system._replace(step_s=s * system.step_s))) for s in SHARES]
 
     def advance(self, heights: Array, rates: Array) -> tuple[int, int]:
-        """Advance the state in place by all sub-steps, as :func:`mbpam_ros.plant.multibody.advance` does."""
+        """Advance the state in place by all sub-steps, as :func:`mbpam_ros.plant.mechanics.step.advance` does."""
         if len(heights) == 1:
             return advance(self._whole, heights, rates)
         drive = self._parts.drive
@@ -76,7 +77,7 @@ class Composition:
         return OK
 
     def _step(self, bound: Block, heights: Array, rates: Array) -> tuple[int, int]:
-        self._parts.work.known[:] = False  # the step before was of another length
+        forget(self._parts.work)  # the step before was of another length
         return advance(bound, heights, rates)
 
 

@@ -1,4 +1,4 @@
-"""The face of all tiers, and the tiers by name.
+"""The face of all tiers, and what passes through it.
 
 A tier moves the muscles (and an object, if it can) for given intrinsic moments and stiffnesses and a given motion of
 the hand. It knows no pressures, no scene's name and no clock.
@@ -6,9 +6,7 @@ the hand. It knows no pressures, no scene's name and no clock.
 
 from __future__ import annotations
 
-import importlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +15,8 @@ from numpy.typing import NDArray
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.errors import MbpamError
-from mbpam_ros.plant.contact_config import ContactConfig
+from mbpam_ros.geometry.solids import Shape
+from mbpam_ros.plant.mechanics.contact_config import ContactConfig
 
 Array = NDArray[np.float64]
 
@@ -61,7 +60,7 @@ class PlantConfig:
 class RigidBody:
     """A free solid and where and how fast it starts, world frame."""
 
-    shape: str
+    shape: Shape
     size_m: tuple[float, float, float]
     mass_kg: float
     position_m: Array
@@ -72,37 +71,25 @@ class RigidBody:
 
 @dataclass(frozen=True)
 class TierSetup:
-    """All a tier is told once.
+    """What there is for a tier to move, and what it may touch.
 
     Args:
         geometry: of the muscles.
         finger_base_m: clamp points in ``gripper_base``, shape (4, 3), or of fewer muscles.
         gravity_m_s2: along +z of the world.
-        sub_step_s: step of the computation.
         body: the object, or none.
         planes_m: rows (depth, half size x, half size y) of level supports; an endless one has infinite half sizes.
         config: constants of muscles and contacts.
-        modes: modes of curvature a plane, for the tier ``rod``; none for its own choice.
         fingers_touch: whether muscles touch each other; otherwise they pass through each other.
-        air_modes: those while the object is out of reach; none for always ``modes``.
-        largest_jump_m: what a tip may move by when the number of modes changes.
-        moving_fingers: numbers of the muscles that are computed; none for all.
-        contact: whether anything touches; otherwise the object stays where it starts.
     """
 
     geometry: MuscleGeometry
     finger_base_m: Array
     gravity_m_s2: float
-    sub_step_s: float
     body: RigidBody | None
     planes_m: Array
     config: PlantConfig
-    modes: int | None = None
     fingers_touch: bool = False
-    air_modes: int | None = None
-    largest_jump_m: float = 0.0
-    moving_fingers: tuple[int, ...] | None = None
-    contact: bool = True
 
 
 @dataclass(frozen=True)
@@ -150,62 +137,33 @@ class TierState:
 
 
 class Tier(ABC):
-    """Reset, step, state."""
+    """Reset, step, state.
+
+    A tier keeps the actuation that acts at the present instant: a reset gives it, and the end of each step. It reads
+    what it is given at once and keeps no reference, so that a caller may use its arrays again. Nothing but
+    :meth:`reset` may be asked of a tier that was never reset.
+    """
 
     @abstractmethod
-    def reset(self) -> None:
-        """Hang the muscles straight and at rest, put the object where it starts."""
-
-    @abstractmethod
-    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        """Advance by ``len(hand_height_m) - 1`` sub-steps.
+    def reset(self, actuation: Actuation) -> None:
+        """Hang the muscles straight and at rest, put the object where it starts.
 
         Args:
-            before, after: actuation at the two ends; linear between them.
+            actuation: what acts at this instant, and from which the first step's runs on.
+        """
+
+    @abstractmethod
+    def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        """Advance by ``len(hand_height_m) - 1`` sub-steps; without any, only the actuation changes.
+
+        Args:
+            actuation: what acts at the end; it runs straight there from what acts now.
             hand_height_m, hand_velocity_m_s: rise of the hand (up positive) at every end of a sub-step, shape (n + 1,).
 
         Raises:
-            PlantDivergedError: the step left what can be; the state is as it was before.
+            PlantDivergedError: the step left what can be; the state, the actuation with it, is as it was before.
         """
 
     @abstractmethod
     def state(self) -> TierState:
         """Return copies of what was computed."""
-
-
-_TIERS = {
-    "static": ("mbpam_ros.plant.static", "StaticTier"),
-    "arc": ("mbpam_ros.plant.moving", "ArcTier"),
-    "rod": ("mbpam_ros.plant.moving", "RodTier"),
-}
-"""Modules are imported when asked for: a tier that is not used is neither loaded nor compiled."""
-
-_STEPPING = ("mbpam_ros.plant.stepping", "SteppingTier")
-
-
-def tier_names() -> tuple[str, ...]:
-    """Return the names of all tiers, cheapest first."""
-    return tuple(_TIERS)
-
-
-def build_tier(name: str, setup: TierSetup) -> Tier:
-    """Return the tier ``name``.
-
-    Raises:
-        TierError: no such tier, or it cannot compute what the setup holds.
-    """
-    if name not in _TIERS:
-        raise TierError(f"no tier {name!r}; known: {', '.join(_TIERS)}")
-    if setup.modes is not None and name != "rod":
-        raise TierError(f"tier {name!r} takes no modes, found {setup.modes}: use tier 'rod', or leave modes out")
-    if setup.air_modes is not None and (name != "rod" or setup.body is None):
-        raise TierError(f"air_modes are for the tier 'rod' with an object, found tier {name!r}: leave them out")
-    if not setup.contact:
-        free: Tier = importlib.import_module("mbpam_ros.plant.no_contact").NoContact(name, setup)
-        return free
-    if setup.moving_fingers is not None:
-        some: Tier = importlib.import_module("mbpam_ros.plant.some_fingers").SomeFingers(name, setup)
-        return some
-    module, tier = _TIERS[name] if setup.air_modes is None else _STEPPING
-    build: Callable[[TierSetup], Tier] = getattr(importlib.import_module(module), tier)
-    return build(setup)

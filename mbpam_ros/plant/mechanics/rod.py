@@ -37,12 +37,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 from numpy.polynomial import legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mbpam_ros.actuator.design import MuscleGeometry
-
-Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
+from mbpam_ros.plant.mechanics.vectors import Array, Vector, combined, cross, dot, plus
 
 _MAGNUS = math.sqrt(3.0) / 12.0
 _GAUSS = 0.5 / math.sqrt(3.0)
@@ -183,22 +181,6 @@ def stumpff(u: float) -> tuple[float, float, float, float, float]:
 
 
 @njit
-def _dot(a: Vector, b: Vector) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit
-def _cross(a: Vector, b: Vector) -> Vector:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit
-def _sum(r: float, a: Vector, s: float, b: Vector, t: float, c: Vector) -> Vector:
-    """Return r a + s b + t c."""
-    return r * a[0] + s * b[0] + t * c[0], r * a[1] + s * b[1] + t * c[1], r * a[2] + s * b[2] + t * c[2]
-
-
-@njit
 def move_rods(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
     """Write the motion of all muscles with coordinates q and their rates, shapes (4, 2 m).
 
@@ -224,24 +206,28 @@ def move_rods(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
             o = (-0.5 * (b1y + b2y), 0.5 * (b1x + b2x), _MAGNUS * (b1x * b2y - b1y * b2x))
             do = (-0.5 * (d1y + d2y), 0.5 * (d1x + d2x), _MAGNUS * (d1x * b2y + b1x * d2y - d1y * b2x - b1y * d2x))
             ddo = 2.0 * _MAGNUS * (d1x * d2y - d1y * d2x)  # along z only
-            u, du = _dot(o, o), 2.0 * _dot(o, do)
+            u, du = dot(o, o), 2.0 * dot(o, do)
             c1, c2, c3, c4, c5 = stumpff(u)
             # rows of R [o] and R [o]^2, then of R T
-            ax, ay, az = _cross(rx, o), _cross(ry, o), _cross(rz, o)
-            bx, by, bz = _cross(ax, o), _cross(ay, o), _cross(az, o)
-            tx, ty, tz = _sum(1.0, rx, c2, ax, c3, bx), _sum(1.0, ry, c2, ay, c3, by), _sum(1.0, rz, c2, az, c3, bz)
+            ax, ay, az = cross(rx, o), cross(ry, o), cross(rz, o)
+            bx, by, bz = cross(ax, o), cross(ay, o), cross(az, o)
+            tx = combined(1.0, rx, c2, ax, c3, bx)
+            ty = combined(1.0, ry, c2, ay, c3, by)
+            tz = combined(1.0, rz, c2, az, c3, bz)
             # r = dT/dt do/dt, with dc_k/du = (k c_{k+2} - c_{k+1}) / 2
-            e = _cross(o, do)
-            r = _sum(c3, _cross(do, e), 0.5 * (2.0 * c4 - c3) * du, e, 0.5 * (3.0 * c5 - c4) * du, _cross(o, e))
-            own = (_dot(tx, do), _dot(ty, do), _dot(tz, do))
-            own_gain = (_dot(rx, r) + tx[2] * ddo, _dot(ry, r) + ty[2] * ddo, _dot(rz, r) + tz[2] * ddo)
-            gain = _sum(1.0, gain, 1.0, own_gain, 1.0, _cross(turn, own))
-            turn = (turn[0] + own[0], turn[1] + own[1], turn[2] + own[2])
-            rx, ry, rz = _sum(1.0, rx, c1, ax, c2, bx), _sum(1.0, ry, c1, ay, c2, by), _sum(1.0, rz, c1, az, c2, bz)
+            e = cross(o, do)
+            r = combined(c3, cross(do, e), 0.5 * (2.0 * c4 - c3) * du, e, 0.5 * (3.0 * c5 - c4) * du, cross(o, e))
+            own = (dot(tx, do), dot(ty, do), dot(tz, do))
+            own_gain = (dot(rx, r) + tx[2] * ddo, dot(ry, r) + ty[2] * ddo, dot(rz, r) + tz[2] * ddo)
+            gain = combined(1.0, gain, 1.0, own_gain, 1.0, cross(turn, own))
+            turn = plus(turn, own)
+            rx = combined(1.0, rx, c1, ax, c2, bx)
+            ry = combined(1.0, ry, c1, ay, c2, by)
+            rz = combined(1.0, rz, c1, az, c2, bz)
             t = (rx[2], ry[2], rz[2])
-            around, toward = _cross(gain, t), _cross(turn, _cross(turn, t))
+            change = plus(cross(gain, t), cross(turn, cross(turn, t)))
             for i in range(3):
-                tangent[f, k + 1, i], acceleration[f, k + 1, i] = t[i], around[i] + toward[i]
+                tangent[f, k + 1, i], acceleration[f, k + 1, i] = t[i], change[i]
             for i in range(modes):
                 one, two = bends[k, 0, i], bends[k, 1, i]
                 mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two

@@ -8,12 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mbpam_ros.plant.contact import Contacts, contact_force, contact_slope
-from mbpam_ros.plant.contact_search import FINGER_SUPPORT
-from mbpam_ros.plant.finger_contact import FINGER_FINGER
-
-Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
+from mbpam_ros.plant.mechanics.contact_config import ContactKind
+from mbpam_ros.plant.mechanics.contact_law import Contacts, contact_force, contact_slope, law_of
+from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross
 
 NEWTON_LIMIT = 60
 LINE_LIMIT = 40
@@ -97,10 +94,10 @@ def _columns(contacts: Contacts, c: int, size: int) -> tuple[int, int, int, int]
     """Return the columns of the Jacobian from and to which a contact acts, and where its two parts go in the system."""
     coordinates = contacts.coordinates
     finger = coordinates * contacts.finger[c]
-    if contacts.kind[c] == FINGER_FINGER:
+    if contacts.kind[c] == ContactKind.FINGER_FINGER:
         return 0, 2 * coordinates, finger, coordinates * (contacts.other[c] - 1)
     start = 0 if contacts.finger[c] >= 0 else coordinates
-    stop = coordinates if contacts.kind[c] == FINGER_SUPPORT else coordinates + 6
+    stop = coordinates if contacts.kind[c] == ContactKind.FINGER_SUPPORT else coordinates + 6
     return start, stop, finger, size - 6 - coordinates
 
 
@@ -142,7 +139,7 @@ def _push(h: float, laws: Array, contacts: Contacts, fraction: float, trial: Arr
         for i in range(6):
             trial[i] = velocity[c, i] - fraction * change[c, i]
         contacts.push[c] = contact_force(
-            laws[contacts.kind[c]], h, contacts.depth[c], contacts.share[c], contacts.normal[c], trial, force[c]
+            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.normal[c], trial, force[c]
         )
         for i in range(6):
             power += force[c, i] * change[c, i]
@@ -167,11 +164,6 @@ def _residual(smooth: Array, h: float, contacts: Contacts, residual: Array) -> N
 
 
 @njit
-def _cross(a: Vector, b: Vector) -> Vector:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit
 def _add_object(
     stiff: tuple[Vector, Vector, Vector], turning: tuple[Vector, Vector, Vector], arm: Vector, o: int, hessian: Array
 ) -> None:
@@ -179,14 +171,14 @@ def _add_object(
 
     Forces there have the moment arm x force about the centre, and turning makes it move by turning x arm.
     """
-    x, y, z = _cross(arm, stiff[0]), _cross(arm, stiff[1]), _cross(arm, stiff[2])  # moments of unit velocities
+    x, y, z = cross(arm, stiff[0]), cross(arm, stiff[1]), cross(arm, stiff[2])  # moments of unit velocities
     for i in range(3):
         for j in range(i + 1):
             hessian[o + i, o + j] += stiff[i][j]
         hessian[o + 3 + i, o] += x[i]
         hessian[o + 3 + i, o + 1] += y[i]
         hessian[o + 3 + i, o + 2] += z[i]
-        around = _cross(arm, (x[i], y[i], z[i]))
+        around = cross(arm, (x[i], y[i], z[i]))
         for j in range(i + 1):
             hessian[o + 3 + i, o + 3 + j] += around[j] + turning[i][j]
 
@@ -204,18 +196,18 @@ def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch)
             hessian[i, j] = a[i, j]
     for c in range(contacts.count[0]):
         contact_slope(
-            laws[contacts.kind[c]], h, contacts.depth[c], contacts.share[c], contacts.normal[c], contacts.velocity[c],
-            contacts.push[c], slope,
+            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.normal[c],
+            contacts.velocity[c], contacts.push[c], slope,
         )  # fmt: skip
         start, stop, finger, body = _columns(contacts, c, size)
         vxx, vxy, vxz = h * slope[0, 0, 0], h * slope[0, 0, 1], h * slope[0, 0, 2]
         vyy, vyz, vzz = h * slope[0, 1, 1], h * slope[0, 1, 2], h * slope[0, 2, 2]
         wxx, wxy, wxz = h * slope[1, 0, 0], h * slope[1, 0, 1], h * slope[1, 0, 2]
         wyy, wyz, wzz = h * slope[1, 1, 1], h * slope[1, 1, 2], h * slope[1, 2, 2]
-        on_object = stop > coordinates and contacts.kind[c] != FINGER_FINGER
+        on_object = stop > coordinates and contacts.kind[c] != ContactKind.FINGER_FINGER
         o, arm = body + coordinates, (0.0, 0.0, 0.0)
         if on_object:
-            arm = (
+            arm = (  # as the search wrote it into the columns of turning
                 jacobian[c, coordinates + 5, 1],
                 jacobian[c, coordinates + 3, 2],
                 jacobian[c, coordinates + 4, 0],
@@ -230,7 +222,7 @@ def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch)
             p, q, r = jacobian[c, i, 3], jacobian[c, i, 4], jacobian[c, i, 5]
             p, q, r = wxx * p + wxy * q + wxz * r, wxy * p + wyy * q + wyz * r, wxz * p + wyz * q + wzz * r
             if on_object:
-                moment = _cross(arm, (x, y, z))
+                moment = cross(arm, (x, y, z))
                 hessian[o, row] += x
                 hessian[o + 1, row] += y
                 hessian[o + 2, row] += z

@@ -14,17 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from mbpam_ros.plant.contact import Contacts
-from mbpam_ros.plant.finger_contact import Lines, append_finger_contacts
-from mbpam_ros.plant.rod import Motion, Rod, ball_jacobian, ball_position
-from mbpam_ros.plant.shapes import PLANE, REST_POINTS, rest_points, signed_distance
-
-Array = NDArray[np.float64]
-
-FINGER_OBJECT, OBJECT_SUPPORT, FINGER_SUPPORT, OBJECT_PALM = 0, 1, 2, 3
-"""Rows of the table of contact laws."""
+from mbpam_ros.geometry.surfaces import PLANE, REST_POINTS, rest_points, signed_distance
+from mbpam_ros.plant.mechanics.contact_config import ContactKind
+from mbpam_ros.plant.mechanics.contact_law import Contacts
+from mbpam_ros.plant.mechanics.finger_contact import Lines, append_finger_contacts
+from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position
+from mbpam_ros.plant.mechanics.vectors import Array, Vector, minus, plus, times, to_body, to_world, vector
 
 BALLS = 49
 """Balls along a muscle: 2.5 mm apart."""
@@ -75,8 +71,9 @@ def contact_limit(fingers: int, planes: int, fingers_touch: bool = False) -> int
 
 
 @njit
-def _object_columns(x: float, y: float, z: float, d: int, jacobian: Array) -> None:
-    """Write the velocity at (x, y, z) from a body's centre into columns D to D + 5 of ``jacobian``."""
+def _object_columns(place: Vector, d: int, jacobian: Array) -> None:
+    """Write the velocity at a place from a body's centre into columns D to D + 5 of ``jacobian``."""
+    x, y, z = place
     for i in range(6):
         for j in range(6):
             jacobian[i, d + j] = 1.0 if i == j else 0.0
@@ -100,23 +97,15 @@ def _muscle_contacts(
     for k in range(balls):
         if k < nearest:
             continue
-        x, y, z = ball_position(rod, tangent, k)
-        x, y, z = x + base[0] - centre[0], y + base[1] - centre[1], z + base[2] - centre[2]
-        distance, gx, gy, gz = signed_distance(
-            shape,
-            half,
-            rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z,
-            rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z,
-            rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z,
-        )
+        place = minus(plus(ball_position(rod, tangent, k), vector(base, 0)), vector(centre, 0))
+        x, y, z = to_body(rotation, place)
+        distance, gx, gy, gz = signed_distance(shape, half, x, y, z)
         depth = rod.radius - distance
         if depth <= 0.0:
             nearest = k + math.ceil(-depth / rod.spacing)
             continue
-        nx = rotation[0, 0] * gx + rotation[0, 1] * gy + rotation[0, 2] * gz
-        ny = rotation[1, 0] * gx + rotation[1, 1] * gy + rotation[1, 2] * gz
-        nz = rotation[2, 0] * gx + rotation[2, 1] * gy + rotation[2, 2] * gz
-        arm = -0.5 * (distance + rod.radius)  # the point half-way between the two surfaces
+        outward = to_world(rotation, (gx, gy, gz))
+        arm = times(-0.5 * (distance + rod.radius), outward)  # to the point half-way between the two surfaces
         n = contacts.count[0]
         contacts.count[0] = n + 1
         contacts.depth[n] = depth
@@ -124,10 +113,10 @@ def _muscle_contacts(
         length = rod.spacing if 0 < k < balls - 1 else 0.5 * rod.spacing
         contacts.share[n] = length / rod.radius + (1.0 if k == balls - 1 else 0.0)
         normal, jacobian = contacts.normal[n], contacts.jacobian[n].T
-        normal[0], normal[1], normal[2] = sign * nx, sign * ny, sign * nz
-        ball_jacobian(rod, motion, finger, k, sign, (arm * nx, arm * ny, arm * nz), jacobian)
+        normal[0], normal[1], normal[2] = times(sign, outward)
+        ball_jacobian(rod, motion, finger, k, sign, arm, jacobian)
         if shape != PLANE:
-            _object_columns(x + arm * nx, y + arm * ny, z + arm * nz, contacts.coordinates, jacobian)
+            _object_columns(plus(place, arm), contacts.coordinates, jacobian)
 
 
 @njit
@@ -141,12 +130,12 @@ def _rest_contacts(
         foot_x = np.inf if palm else around.planes[p, 1]
         foot_y = np.inf if palm else around.planes[p, 2]
         for k in range(rest_points(around.shape, around.half, centre, rotation, foot_x, foot_y, points)):
-            x, y, z = points[k, 0] - centre[0], points[k, 1] - centre[1], points[k, 2] - centre[2]
+            place = minus(vector(points[k], 0), vector(centre, 0))
             if palm:  # all solids are symmetric about their centres: their highest points mirror the lowest
-                x, y, z = -x, -y, -z
-                depth = -lift - centre[2] - z
+                place = times(-1.0, place)
+                depth = -lift - centre[2] - place[2]
             else:
-                depth = centre[2] + z - around.planes[p, 0]
+                depth = centre[2] + place[2] - around.planes[p, 0]
             if depth <= 0.0 or (foot_x < np.inf and depth > PLATE_THICKNESS_M):
                 continue
             n = contacts.count[0]
@@ -155,8 +144,8 @@ def _rest_contacts(
             contacts.normal[n, 0], contacts.normal[n, 1] = 0.0, 0.0
             contacts.normal[n, 2] = 1.0 if palm else -1.0
             contacts.rise[n] = hand_velocity if palm else 0.0
-            contacts.finger[n], contacts.kind[n] = -1, OBJECT_PALM if palm else OBJECT_SUPPORT
-            _object_columns(x, y, z, contacts.coordinates, contacts.jacobian[n].T)
+            contacts.finger[n], contacts.kind[n] = -1, ContactKind.OBJECT_PALM if palm else ContactKind.OBJECT_SUPPORT
+            _object_columns(place, contacts.coordinates, contacts.jacobian[n].T)
 
 
 @njit(forceinline=True)
@@ -169,8 +158,8 @@ def find_contacts(
     contacts.count[0] = 0
     for f in range(bases.shape[0]):
         base[0], base[1], base[2] = bases[f, 0], bases[f, 1], bases[f, 2] - lift
-        for kind in (FINGER_OBJECT, FINGER_SUPPORT):
-            on_object = kind == FINGER_OBJECT
+        for kind in (ContactKind.FINGER_OBJECT, ContactKind.FINGER_SUPPORT):
+            on_object = kind == ContactKind.FINGER_OBJECT
             if (on_object and around.shape < 0) or not (on_object or around.table_in_reach):
                 continue
             shape, place, turn = around.shape, centre, rotation

@@ -1,6 +1,6 @@
 """Solids, compiled: signed distance, and the points on which they rest.
 
-Body frame: that of :mod:`~mbpam_ros.plant.solids`. Functions take a shape code and the half sizes (3,) [m].
+Body frame: that of :mod:`~mbpam_ros.geometry.solids`. Functions take a shape code and the half sizes (3,) [m].
 """
 
 from __future__ import annotations

@@ -11,15 +11,29 @@ from functools import partial
 
 import numpy as np
 
-from mbpam_ros.plant import multibody
-from mbpam_ros.plant.composition import Composition
-from mbpam_ros.plant.contact import contact_table
-from mbpam_ros.plant.contact_search import BALLS, Surroundings, contact_limit
-from mbpam_ros.plant.multibody import State, System, advance, assemble, bind
-from mbpam_ros.plant.rod import Motion, build_rod, position_weights
-from mbpam_ros.plant.shapes import SHAPE_CODES
-from mbpam_ros.plant.solids import principal_inertia
-from mbpam_ros.plant.tiers import (
+from mbpam_ros.geometry.solids import principal_inertia
+from mbpam_ros.geometry.surfaces import SHAPE_CODES
+from mbpam_ros.plant.fidelity import Fidelity
+from mbpam_ros.plant.mechanics.composition import Composition
+from mbpam_ros.plant.mechanics.contact_config import ContactKind, law_table
+from mbpam_ros.plant.mechanics.contact_law import contact_table
+from mbpam_ros.plant.mechanics.contact_search import BALLS, Surroundings, contact_limit
+from mbpam_ros.plant.mechanics.rod import Motion, build_rod, position_weights
+from mbpam_ros.plant.mechanics.step import (
+    LARGEST_BEND_RAD,
+    NOT_FINITE,
+    NOT_SOLVED,
+    OK,
+    TOO_BENT,
+    TOO_FAST,
+    State,
+    System,
+    advance,
+    assemble,
+    bind,
+    forget,
+)
+from mbpam_ros.plant.tiers.base import (
     CENTRELINE_POINTS,
     Actuation,
     Array,
@@ -38,46 +52,45 @@ _NO_STEP = np.zeros(1)
 """Of the hand's motion: its start only."""
 
 _DAMPED_S, _UNDAMPED_SWEEPS = 1e-3, 30
-_FREE_MODES, _CONTACT_MODES, _FEWEST_SEGMENTS = 2, 3, 4
+_FEWEST_SEGMENTS = 4
 _REASONS = {
-    multibody.NOT_FINITE: "a velocity is no longer finite",
-    multibody.TOO_FAST: "something moves faster than 5000 rad/s or 50 m/s",
-    multibody.TOO_BENT: f"a bend is beyond {np.degrees(multibody.LARGEST_BEND_RAD):.0f} deg",
-    multibody.NOT_SOLVED: "the contact equations were not solved",
+    NOT_FINITE: "a velocity is no longer finite",
+    TOO_FAST: "something moves faster than 5000 rad/s or 50 m/s",
+    TOO_BENT: f"a bend is beyond {np.degrees(LARGEST_BEND_RAD):.0f} deg",
+    NOT_SOLVED: "the contact equations were not solved",
 }
 _REMEDY = "use a smaller sub_step_s, a smaller contact stiffness, or a larger retardation_time_s or damping."
 
 
 class RodTier(Tier):
-    """Muscles in modes of curvature and one rigid body, advanced by :mod:`~mbpam_ros.plant.multibody`.
+    """Muscles in modes of curvature and one rigid body, advanced by :mod:`~mbpam_ros.plant.mechanics.step`.
 
     Raises:
         TierError: a number of modes that cannot be.
     """
 
-    name = "rod"
-
-    def __init__(self, setup: TierSetup) -> None:
-        self._setup = setup
+    def __init__(self, setup: TierSetup, fidelity: Fidelity) -> None:
+        self._setup, self._fidelity, modes = setup, fidelity, fidelity.modes
+        if not 1 <= modes <= MOST_MODES:
+            raise TierError(f"tier 'rod' has 1 to {MOST_MODES} modes a plane, found modes = {modes}")
         config, body = setup.config, setup.body
         planes = np.ascontiguousarray(setup.planes_m, dtype=float)
         # A table out of reach of a muscle that hangs straight is out of reach of all.
         table_in_reach = bool(len(planes) and planes[-1, 0] < setup.geometry.length_m)
-        modes = self._modes(may_touch=body is not None or table_in_reach)
         segments = max(_FEWEST_SEGMENTS, modes + 2)
-        kinds = (
-            config.finger_object,
-            config.object_support,
-            config.finger_support,
-            config.object_support,
-            config.finger_finger,
-        )
+        kinds = {
+            ContactKind.FINGER_OBJECT: config.finger_object,
+            ContactKind.OBJECT_SUPPORT: config.object_support,
+            ContactKind.FINGER_SUPPORT: config.finger_support,
+            ContactKind.OBJECT_PALM: config.object_support,
+            ContactKind.FINGER_FINGER: config.finger_finger,
+        }
         shape, half, mass, inertia = -1, np.zeros(3), 0.0, np.zeros(3)
         if body is not None:
             shape, half, mass = SHAPE_CODES[body.shape], 0.5 * np.array(body.size_m), body.mass_kg
             inertia = principal_inertia(body.shape, body.size_m, body.mass_kg)
         system = System(
-            step_s=setup.sub_step_s,
+            step_s=fidelity.sub_step_s,
             sweeps=2 if config.retardation_time_s >= _DAMPED_S else _UNDAMPED_SWEEPS,
             gravity=setup.gravity_m_s2,
             bases=np.ascontiguousarray(setup.finger_base_m),
@@ -86,7 +99,7 @@ class RodTier(Tier):
             mass=mass,
             inertia=inertia,
             surroundings=Surroundings(shape, half, planes, table_in_reach, setup.fingers_touch),
-            laws=np.array([kind.law() for kind in kinds]),
+            laws=law_table(kinds),
         )
         self._fingers = len(setup.finger_base_m)
         self._coordinates = self._fingers * 2 * modes
@@ -95,25 +108,18 @@ class RodTier(Tier):
         state = State(*np.split(self._memory, np.cumsum([self._coordinates, rates, 3])))
         most = contact_limit(self._fingers, len(planes), setup.fingers_touch)
         self._parts = assemble(state, system, contact_table(most, 2 * modes))
+        drive = self._parts.drive
+        self._start = Actuation(drive.moments[0], drive.stiffnesses[0])
+        self._now = Actuation(drive.moments[1], drive.stiffnesses[1])
         damped = config.retardation_time_s > 0.0
         self._advance = partial(advance, bind(self._parts)) if damped else Composition(self._parts).advance
         along = np.linspace(0.0, setup.geometry.length_m, CENTRELINE_POINTS)
         self._line_weights = position_weights(setup.geometry, segments, along)
-        self.reset()
 
-    def _modes(self, may_touch: bool) -> int:
-        modes = self._setup.modes
-        if modes is None:
-            return _CONTACT_MODES if may_touch else _FREE_MODES
-        if not 1 <= modes <= MOST_MODES:
-            raise TierError(f"tier 'rod' has 1 to {MOST_MODES} modes a plane, found modes = {modes}")
-        return modes
-
-    def reset(self) -> None:
+    def reset(self, actuation: Actuation) -> None:
         body, state = self._setup.body, self._parts.state
         self._memory[:] = 0.0
-        self._before: Actuation | None = None
-        self._after: Actuation | None = None
+        _write(self._now, actuation)
         state.orientation[3] = 1.0
         if body is not None:
             state.velocity[self._coordinates :] = *body.velocity_m_s, *body.angular_velocity_rad_s
@@ -123,41 +129,36 @@ class RodTier(Tier):
         self.iterations = 0
         self._begin()
 
-    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        if before is not self._before or after is not self._after:  # to write what is there takes half a sub-step
-            self._drive(before, after)
+    def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        _write(self._start, self._now)
+        _write(self._now, actuation)
         memory = self._memory.copy()
         answer, self.iterations = self._advance(hand_height_m, hand_velocity_m_s)
         self._shown = False
-        if answer != multibody.OK:
+        if answer != OK:
             self._memory[:] = memory
+            _write(self._now, self._start)
             self._begin()
             remedy = _REMEDY.capitalize()
-            bend = np.hypot(*after.moment_n_m.T) * self._setup.geometry.active_length_m / after.stiffness_n_m2
-            if answer == multibody.TOO_BENT and bend.max() > 0.5 * multibody.LARGEST_BEND_RAD:  # swings go twice as far
+            bend = np.hypot(*actuation.moment_n_m.T) * self._setup.geometry.active_length_m / actuation.stiffness_n_m2
+            if answer == TOO_BENT and bend.max() > 0.5 * LARGEST_BEND_RAD:  # swings go twice as far
                 remedy = (
                     f"The air alone bends one by {np.degrees(bend.max()):.0f} deg: lower its pressure. Or {_REMEDY}"
                 )
-            raise PlantDivergedError(
-                f"tier {self.name!r} at a sub-step of {self._setup.sub_step_s:g} s: {_REASONS[answer]}. {remedy}"
-            )
-
-    def _drive(self, before: Actuation, after: Actuation) -> None:
-        moments, stiffnesses = self._parts.drive
-        moments[0], moments[1] = before.moment_n_m, after.moment_n_m
-        stiffnesses[0], stiffnesses[1] = before.stiffness_n_m2, after.stiffness_n_m2
-        self._before, self._after = before, after
+            where = f"tier {self._fidelity.tier!r} at a sub-step of {self._fidelity.sub_step_s:g} s"
+            raise PlantDivergedError(f"{where}: {_REASONS[answer]}. {remedy}")
 
     @property
     def modes(self) -> int:
         """Modes of curvature a plane."""
-        return self._coordinates // (2 * self._fingers)
+        return self._fidelity.modes
 
     def take_over(self, other: RodTier) -> None:
-        """Go on with the muscles of another tier as they are: modes it does not have are zero, those too many dropped.
+        """Go on with the muscles of another tier, and what acts on them: modes it does not have are zero, more dropped.
 
         The object stays as it is here.
         """
+        _write(self._now, other._now)
         common = 2 * min(self.modes, other.modes)
         for own, theirs in zip(self._parts.state[:2], other._parts.state[:2], strict=True):
             own[: self._coordinates] = 0.0
@@ -171,7 +172,7 @@ class RodTier(Tier):
         return float(np.abs(rates).sum(axis=1).max())
 
     def centreline_m(self) -> Array:
-        """Return points of the centre lines as in :class:`~mbpam_ros.plant.tiers.TierState`."""
+        """Return points of the centre lines as in :class:`~mbpam_ros.plant.tiers.base.TierState`."""
         return self._line_weights @ self._motion.tangent + self._setup.finger_base_m[:, None, :]
 
     def body_state(self) -> BodyState | None:
@@ -207,7 +208,7 @@ class RodTier(Tier):
 
     def _begin(self) -> None:
         """Go on from a state that no step has led to. The first time this compiles, before the first tick."""
-        self._parts.work.known[:] = False
+        forget(self._parts.work)
         self._show()
 
     def _show(self) -> None:
@@ -222,13 +223,10 @@ class RodTier(Tier):
         return self._parts.motion
 
 
-class ArcTier(RodTier):
-    """Constant curvature: one mode."""
-
-    name = "arc"
-
-    def _modes(self, may_touch: bool) -> int:
-        return 1
+def _write(there: Actuation, actuation: Actuation) -> None:
+    """Copy the values; in this way it takes half as long as to assign to slices or rows."""
+    there.moment_n_m[...] = actuation.moment_n_m
+    there.stiffness_n_m2[...] = actuation.stiffness_n_m2
 
 
 def tip_bend(tangent: Array, rate: Array, added_up_rad: Array) -> tuple[Array, Array]:

@@ -12,8 +12,8 @@ theta = 1/2 for a body that touches nothing (implicit midpoint, second order: M,
 the midpoint, which the first sweep finds and the second uses) and 1 for one in contact (first order, and damped where
 the penalty is stiff). Sweeps repeated until nothing changes give the implicit midpoint rule itself, which is symmetric
 in time: without damping energy swings by O(h^2) and does not drift (of fourth order it is made by
-:mod:`~mbpam_ros.plant.composition`). With damping the second sweep is the last: what a third one would change is less
-than the error of the step.
+:mod:`~mbpam_ros.plant.mechanics.composition`). With damping the second sweep is the last: what a third one would change
+is less than the error of the step.
 
 Stability: elastic, damping and contact terms are implicit, so neither k, eta nor the contact stiffness limits the
 step; gravity and velocity terms are explicit and ask for h sqrt(g / l) < 1 and h |dq/dt| < 1, which 10 ms meet.
@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -37,23 +37,20 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mbpam_ros.plant.bound import Block, access, new_block
-from mbpam_ros.plant.contact import Contacts, contact_table
-from mbpam_ros.plant.contact_search import (
-    FINGER_OBJECT,
-    FINGER_SUPPORT,
-    OBJECT_PALM,
-    OBJECT_SUPPORT,
+from mbpam_ros.geometry import rotations, surfaces
+from mbpam_ros.plant.mechanics.contact_config import ContactKind
+from mbpam_ros.plant.mechanics.contact_law import Contacts, contact_table
+from mbpam_ros.plant.mechanics.contact_search import (
     Places,
     Surroundings,
     find_contacts,
     places,
 )
-from mbpam_ros.plant.contact_solver import Scratch, scratch, solve_contacts, solve_in_place
-from mbpam_ros.plant.finger_contact import FINGER_FINGER, Lines, fingers_near, lines
-from mbpam_ros.plant.rod import Motion, Rod, masses_and_loads, motion_at_rest, move_rods
-
-Array = NDArray[np.float64]
+from mbpam_ros.plant.mechanics.contact_solver import Scratch, scratch, solve_contacts, solve_in_place
+from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines
+from mbpam_ros.plant.mechanics.packed_arguments import Block, access, new_block
+from mbpam_ros.plant.mechanics.rod import Motion, Rod, masses_and_loads, motion_at_rest, move_rods
+from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross, dot, norm, plus, times, vector
 
 OK, NOT_FINITE, TOO_FAST, NOT_SOLVED, TOO_BENT = 0, 1, 2, 3, 4
 """What a step answers."""
@@ -134,28 +131,26 @@ class Forces(NamedTuple):
     between: Array
 
 
+_rotation_rows, _product = njit(rotations.rotation_rows), njit(rotations.product)
+
+
 @njit
-def rotation_matrix(q: Array, r: Array) -> None:
+def write_rotation(q: Array, r: Array) -> None:
     """Write the rotation of the quaternion (x, y, z, w) into r (3, 3)."""
-    x, y, z, w = q[0], q[1], q[2], q[3]
-    r[0, 0], r[0, 1], r[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
-    r[1, 0], r[1, 1], r[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
-    r[2, 0], r[2, 1], r[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+    rows = _rotation_rows(q[0], q[1], q[2], q[3])
+    for i in range(3):
+        r[i, 0], r[i, 1], r[i, 2] = rows[i]
 
 
 @njit
-def turned(q: Array, wx: float, wy: float, wz: float, result: Array) -> None:
-    """Write exp((wx, wy, wz)) q, normalised, into ``result``; the turning vector is in the world frame."""
-    angle = math.sqrt(wx * wx + wy * wy + wz * wz)
+def turned(q: Array, turn: Vector, result: Array) -> None:
+    """Write exp(turn) q, normalised, into ``result``; the turning vector is in the world frame."""
+    angle = norm(turn)
     scale = math.sin(0.5 * angle) / angle if angle > 1e-9 else 0.5
-    a, b, c, d = scale * wx, scale * wy, scale * wz, math.cos(0.5 * angle)
-    x, y, z, w = q[0], q[1], q[2], q[3]
-    rx = d * x + a * w + b * z - c * y
-    ry = d * y - a * z + b * w + c * x
-    rz = d * z + a * y - b * x + c * w
-    rw = d * w - a * x - b * y - c * z
-    norm = 1.0 / math.sqrt(rx * rx + ry * ry + rz * rz + rw * rw)
-    result[0], result[1], result[2], result[3] = rx * norm, ry * norm, rz * norm, rw * norm
+    x, y, z = times(scale, turn)
+    rx, ry, rz, rw = _product((x, y, z, math.cos(0.5 * angle)), (q[0], q[1], q[2], q[3]))
+    unit = 1.0 / math.sqrt(rx * rx + ry * ry + rz * rz + rw * rw)
+    result[0], result[1], result[2], result[3] = rx * unit, ry * unit, rz * unit, rw * unit
 
 
 class Room(NamedTuple):
@@ -172,7 +167,8 @@ class Work(NamedTuple):
     """Room for a step, and what the next one goes on from.
 
     Args:
-        known: whether ``motion`` and ``room`` are those at the last midpoint, and whether ``ahead`` is; shape (2,).
+        midpoint_known: whether ``motion`` and ``room`` are those at the last midpoint, shape (1,).
+        ahead_known: whether ``ahead`` holds, shape (1,).
         motion: where the last sweep saw the muscles.
         gain, ahead: of the velocities in the last sub-step, and in the next one if they go on as in the last two.
         a, b, start: of the equations a v = b, and the velocities before, shapes (n, n), (n,) and (n,).
@@ -180,7 +176,8 @@ class Work(NamedTuple):
         room, spots, room_of_lines, equations: of the muscles, the contact search and the contact solution.
     """
 
-    known: NDArray[np.bool_]
+    midpoint_known: NDArray[np.bool_]
+    ahead_known: NDArray[np.bool_]
     motion: Motion
     gain: Array
     ahead: Array
@@ -225,7 +222,8 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
         motion_at_rest(fingers, modes, segments),
         Forces(np.zeros((fingers, 3)), np.zeros(3), np.zeros(3), np.zeros((fingers, 3))),
         Work(
-            known=np.zeros(2, np.bool_),
+            midpoint_known=np.zeros(1, np.bool_),
+            ahead_known=np.zeros(1, np.bool_),
             motion=motion_at_rest(fingers, modes, segments),
             gain=np.zeros(size),
             ahead=np.zeros(size),
@@ -292,11 +290,9 @@ def _object_equations(
 ) -> None:
     """Write the object's rows of a v = b; its inertia and velocity terms after ``share`` of the step."""
     h, n = system.step_s, state.shape.shape[0]
-    wx = (1.0 - share) * start[n + 3] + share * state.velocity[n + 3]
-    wy = (1.0 - share) * start[n + 4] + share * state.velocity[n + 4]
-    wz = (1.0 - share) * start[n + 5] + share * state.velocity[n + 5]
-    turned(state.orientation, 0.5 * h * wx, 0.5 * h * wy, 0.5 * h * wz, middle)
-    rotation_matrix(middle, rotation)
+    w = plus(times(1.0 - share, vector(start, n + 3)), times(share, vector(state.velocity, n + 3)))
+    turned(state.orientation, times(0.5 * h, w), middle)
+    write_rotation(middle, rotation)
     for i in range(3):
         a[n + i, n + i] = system.mass
         b[n + i] = system.mass * (start[n + i] + (h * system.gravity if i == 2 else 0.0))
@@ -305,10 +301,8 @@ def _object_equations(
             for k in range(3):
                 total += rotation[i, k] * system.inertia[k] * rotation[j, k]
             a[n + 3 + i, n + 3 + j] = total
-    lx = a[n + 3, n + 3] * wx + a[n + 3, n + 4] * wy + a[n + 3, n + 5] * wz
-    ly = a[n + 4, n + 3] * wx + a[n + 4, n + 4] * wy + a[n + 4, n + 5] * wz
-    lz = a[n + 5, n + 3] * wx + a[n + 5, n + 4] * wy + a[n + 5, n + 5] * wz
-    b[n + 3], b[n + 4], b[n + 5] = -h * (wy * lz - wz * ly), -h * (wz * lx - wx * lz), -h * (wx * ly - wy * lx)
+    spin = (dot(vector(a[n + 3], n + 3), w), dot(vector(a[n + 4], n + 3), w), dot(vector(a[n + 5], n + 3), w))
+    b[n + 3], b[n + 4], b[n + 5] = times(-h, cross(w, spin))
     for i in range(n + 3, n + 6):
         for j in range(n + 3, n + 6):
             b[i] += a[i, j] * start[j]
@@ -337,7 +331,7 @@ def _move(state: State, start: Array, h: float, theta: Array, turn: Array) -> in
                 state.position[i] += way
             else:
                 turn[i - 3] = way
-        turned(state.orientation, turn[0], turn[1], turn[2], state.orientation)
+        turned(state.orientation, vector(turn, 0), state.orientation)
     return OK
 
 
@@ -349,13 +343,13 @@ def _sum_forces(contacts: Contacts, forces: Forces) -> None:
     forces.between[:] = 0.0
     for c in range(contacts.count[0]):
         for i in range(3):
-            if contacts.kind[c] == FINGER_OBJECT:
+            if contacts.kind[c] == ContactKind.FINGER_OBJECT:
                 forces.finger[contacts.finger[c], i] += contacts.force[c, i]
-            elif contacts.kind[c] == OBJECT_SUPPORT:
+            elif contacts.kind[c] == ContactKind.OBJECT_SUPPORT:
                 forces.support[i] += contacts.force[c, i]
-            elif contacts.kind[c] == OBJECT_PALM:
+            elif contacts.kind[c] == ContactKind.OBJECT_PALM:
                 forces.palm[i] += contacts.force[c, i]
-            elif contacts.kind[c] == FINGER_FINGER:
+            elif contacts.kind[c] == ContactKind.FINGER_FINGER:
                 forces.between[contacts.finger[c], i] -= contacts.force[c, i]
                 forces.between[contacts.other[c], i] += contacts.force[c, i]
 
@@ -370,7 +364,7 @@ def _may_touch(around: Surroundings) -> bool:
 def _touch(state: State, system: System, lift: float, hand_velocity: float, work: Work, contacts: Contacts) -> bool:
     """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
     muscles, coordinates, theta, first = state.shape.shape[0], contacts.coordinates, work.theta, work.equations.first
-    rotation_matrix(state.orientation, work.rotation)
+    write_rotation(state.orientation, work.rotation)
     find_contacts(
         system.bases, system.rod, work.motion, system.surroundings, state.position, work.rotation, lift, hand_velocity,
         work.spots, work.room_of_lines, contacts,
@@ -380,84 +374,128 @@ def _touch(state: State, system: System, lift: float, hand_velocity: float, work
         first[i] = i // coordinates * coordinates if i < muscles else (0 if touching else muscles)
     for c in range(contacts.count[0]):
         theta[contacts.finger[c]] = 1.0  # -1, none: the object's, which is the last
-        if contacts.kind[c] == FINGER_FINGER:
+        if contacts.kind[c] == ContactKind.FINGER_FINGER:
             other = contacts.other[c]
             theta[other] = 1.0
             for i in range(coordinates * other, coordinates * (other + 1)):
                 first[i] = min(first[i], coordinates * contacts.finger[c])
-        elif contacts.kind[c] != FINGER_SUPPORT:
+        elif contacts.kind[c] != ContactKind.FINGER_SUPPORT:
             theta[-1] = 1.0
     return touching
 
 
-@njit(inline="always")  # compiled as part of its one caller only
+@njit(inline="always")
+def _begin(state: State, work: Work, contacts: Contacts) -> None:
+    """Begin a sub-step: nothing touches yet."""
+    contacts.count[0] = 0
+    work.theta[:] = 0.5
+    for i in range(state.velocity.shape[0]):
+        work.start[i] = state.velocity[i]
+
+
+@njit(inline="always")
+def _solve_in_the_air(velocity: Array, work: Work) -> tuple[bool, float]:
+    """Solve a v = b; return whether it could be, and by how much a velocity differs from the last sweep's."""
+    if not solve_in_place(work.a, work.b, work.equations.first):
+        return False, 0.0
+    changed = 0.0
+    for i in range(velocity.shape[0]):
+        changed = max(changed, abs(work.b[i] - velocity[i]))
+        velocity[i] = work.b[i]
+    return True, changed
+
+
+@njit(inline="always")
+def _solve_in_contact(velocity: Array, system: System, ahead: bool, contacts: Contacts, work: Work) -> tuple[int, int]:
+    """Solve a v = b + h J^T F; return OK or what went wrong, and the number of Newton steps."""
+    if ahead:
+        for i in range(velocity.shape[0]):
+            velocity[i] += work.ahead[i]
+    left, count = solve_contacts(work.a, work.b, velocity, system.step_s, system.laws, contacts, work.equations)
+    return OK if left < SOLVED_M_S else NOT_SOLVED, count
+
+
+@njit(inline="always")
+def _find_velocities(
+    parts: Parts, heights: Array, rates: Array, step: int, midpoint: bool, ahead: bool
+) -> tuple[int, int, bool]:
+    """Write the velocities after a sub-step; return OK or what went wrong, Newton's steps, and whether it touches.
+
+    The first sweep is at the start, or, where nothing is in reach, with what the step before saw at its midpoint. Later
+    ones are at the midpoint that the one before found.
+    """
+    state, drive, system, contacts, work = parts.state, parts.drive, parts.system, parts.contacts, parts.work
+    motion, room, around = work.motion, work.room, system.surroundings
+    blend = (step + 0.5) / (heights.shape[0] - 1)
+    gravity = system.gravity + (rates[step + 1] - rates[step]) / system.step_s
+    in_reach, touching = _may_touch(around), False
+    # Whether fingers may meet is asked of where the last sweep saw them, which costs no motion of its own.
+    near = in_reach or (around.fingers_touch and fingers_near(system.bases, system.rod, motion, work.room_of_lines))
+    for sweep in range(system.sweeps):
+        share = 0.5 if sweep > 0 else 0.0
+        anew = in_reach or sweep > 0 or not midpoint
+        if anew or near:
+            _move_muscles(state, work.start, system, share, motion, room)
+        if sweep == 0 and near:
+            touching = _touch(state, system, heights[step], rates[step + 1], work, contacts)
+        if anew or touching:
+            masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
+        _muscle_equations(state, work.start, system, drive, blend, work.theta, room, work.a, work.b)
+        if state.velocity.shape[0] > state.shape.shape[0]:
+            _object_equations(state, work.start, system, share, work.rotation, work.middle, work.a, work.b)
+        if touching:  # contact is of first order: the midpoint would not help
+            answer, count = _solve_in_contact(state.velocity, system, ahead, contacts, work)
+            return answer, count, True
+        solved, changed = _solve_in_the_air(state.velocity, work)
+        if not solved:
+            return NOT_FINITE, 0, False
+        if changed < FOUND_RAD_S:
+            break
+    return OK, 0, False
+
+
+@njit(inline="always")
+def _look_ahead(velocity: Array, ahead: bool, work: Work) -> None:
+    """Write how the velocities have changed, and will if they go on as in the last two sub-steps, or in this one."""
+    for i in range(velocity.shape[0]):
+        gain = velocity[i] - work.start[i]
+        work.ahead[i] = 2.0 * gain - work.gain[i] if ahead else gain
+        work.gain[i] = gain
+
+
+@njit(inline="always")
 def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
-    """Do the work of ``advance``."""
-    state, drive, system, contacts, shown, forces, work = parts
-    motion, room, equations, known = work.motion, work.room, work.equations, work.known
-    a, b, start, theta = work.a, work.b, work.start, work.theta
-    steps, size, muscles = heights.shape[0] - 1, state.velocity.shape[0], state.shape.shape[0]
-    h, v = system.step_s, state.velocity
+    """Do the work of ``advance``.
+
+    This and its phases are compiled as parts of their one caller: to hand sixty arrays on costs more than they do.
+    """
+    state, system, contacts, work = parts.state, parts.system, parts.contacts, parts.work
+    steps = heights.shape[0] - 1
     if steps == 0:
-        _move_muscles(state, v, system, 0.0, shown, room)
+        _move_muscles(state, state.velocity, system, 0.0, parts.motion, work.room)
         return OK, 0
-    in_reach, fingers_touch = _may_touch(system.surroundings), system.surroundings.fingers_touch
-    iterations, midpoint, extrapolate = 0, known[0], known[1]
-    known[0] = known[1] = False
-    if fingers_touch and not midpoint:
-        _move_muscles(state, v, system, 0.0, motion, room)
+    iterations, midpoint, ahead = 0, work.midpoint_known[0], work.ahead_known[0]
+    work.midpoint_known[0] = work.ahead_known[0] = False  # unless all goes well
+    if system.surroundings.fingers_touch and not midpoint:
+        _move_muscles(state, state.velocity, system, 0.0, work.motion, work.room)
     for step in range(steps):
-        for i in range(size):
-            start[i] = v[i]
-        touching = False
-        theta[:] = 0.5
-        contacts.count[0] = 0
-        # Whether fingers may meet is asked of where the last sweep saw them, which costs no motion of its own.
-        near = in_reach or (fingers_touch and fingers_near(system.bases, system.rod, motion, work.room_of_lines))
-        # The first sweep is at the start, or, where nothing is in reach, with what the step before saw at its midpoint.
-        # Later ones are at the midpoint that the one before found.
-        for sweep in range(system.sweeps):
-            share = 0.5 if sweep > 0 else 0.0
-            anew = in_reach or sweep > 0 or not midpoint
-            if anew or near:
-                _move_muscles(state, start, system, share, motion, room)
-            if sweep == 0 and near:
-                touching = _touch(state, system, heights[step], rates[step + 1], work, contacts)
-            blend = (step + 0.5) / steps
-            gravity = system.gravity + (rates[step + 1] - rates[step]) / h
-            if anew or touching:
-                masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
-            _muscle_equations(state, start, system, drive, blend, theta, room, a, b)
-            if size > muscles:
-                _object_equations(state, start, system, share, work.rotation, work.middle, a, b)
-            if touching:
-                if extrapolate:
-                    for i in range(size):
-                        v[i] += work.ahead[i]
-                left, count = solve_contacts(a, b, v, h, system.laws, contacts, equations)
-                iterations = max(iterations, count)
-                if not left < SOLVED_M_S:
-                    return NOT_SOLVED, iterations
-                break  # contact is of first order: the midpoint would not help
-            if not solve_in_place(a, b, equations.first):
-                return NOT_FINITE, iterations
-            moved = 0.0
-            for i in range(size):
-                moved = max(moved, abs(b[i] - v[i]))
-                v[i] = b[i]
-            if moved < FOUND_RAD_S:
-                break
-        answer = _move(state, start, h, theta, work.turn)
+        _begin(state, work, contacts)
+        answer, count, touching = _find_velocities(parts, heights, rates, step, midpoint, ahead)
+        iterations = max(iterations, count)
+        if answer == OK:
+            answer = _move(state, work.start, system.step_s, work.theta, work.turn)
         if answer != OK:
             return answer, iterations
-        for i in range(size):
-            gain = v[i] - start[i]
-            work.ahead[i] = 2.0 * gain - work.gain[i] if extrapolate else gain
-            work.gain[i] = gain
-        midpoint, extrapolate = not touching, True
-    known[0], known[1] = midpoint, extrapolate
-    _sum_forces(contacts, forces)
+        _look_ahead(state.velocity, ahead, work)
+        midpoint, ahead = not touching, True
+    work.midpoint_known[0], work.ahead_known[0] = midpoint, ahead
+    _sum_forces(contacts, parts.forces)
     return OK, iterations
+
+
+def forget(work: Work) -> None:
+    """Let the next step go on from the state alone."""
+    work.midpoint_known[0] = work.ahead_known[0] = False
 
 
 def _sample() -> Parts:
@@ -502,14 +540,21 @@ def _cached(
     return _bind, advance
 
 
-def _source_digest() -> int:
+def kernel_sources() -> list[Path]:
+    """Return all files that hold compiled code of the step."""
+    folders = (Path(__file__).parent, Path(surfaces.__file__).parent)
+    return [source for folder in folders for source in sorted(folder.glob("*.py"))]
+
+
+def source_digest(sources: Iterable[Path]) -> int:
+    """Return a number that is another one when a file is."""
     digest = 0
-    for source in sorted(Path(__file__).parent.glob("*.py")):
+    for source in sources:
         digest = zlib.crc32(source.read_bytes(), digest)
     return digest
 
 
-_bind, advance = _cached(_source_digest())
+_bind, advance = _cached(source_digest(kernel_sources()))
 
 
 def bind(parts: Parts) -> Block:

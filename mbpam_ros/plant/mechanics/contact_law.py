@@ -24,7 +24,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from mbpam_ros.plant.mechanics.contact_config import ContactLaw
+from mbpam_ros.plant.mechanics.vectors import Array, dot, vector
 
 
 class Contacts(NamedTuple):
@@ -37,7 +38,7 @@ class Contacts(NamedTuple):
             finger's D coordinates, then the object's six, or the D of the other finger.
         rise: part of the relative velocity along z that is the hand's, shape (n,).
         finger, other: which take part; -1 for none.
-        kind: row of the table of laws.
+        kind: of :class:`~mbpam_ros.plant.mechanics.contact_config.ContactKind`, the row of the table of laws.
         velocity, force: relative velocity after the step, and the force and torque it makes, shape (n, 6).
         change: of the velocity along a step of its solution, shape (n, 6).
         push: f, shape (n,).
@@ -81,44 +82,55 @@ def contact_table(size: int, coordinates: int) -> Contacts:
 
 
 @njit
-def contact_force(law: Array, h: float, depth: float, share: float, normal: Array, v: Array, force: Array) -> float:
+def law_of(laws: Array, kind: int) -> ContactLaw:
+    """Return a row of the table of laws (kinds, 7)."""
+    return ContactLaw(
+        laws[kind, 0], laws[kind, 1], laws[kind, 2], laws[kind, 3], laws[kind, 4], laws[kind, 5], laws[kind, 6]
+    )
+
+
+@njit
+def contact_force(
+    law: ContactLaw, h: float, depth: float, share: float, normal: Array, v: Array, force: Array
+) -> float:
     """Write force and torque (6,) on the pushed body for the relative velocity v (6,) after the step; return f."""
-    vn = normal[0] * v[0] + normal[1] * v[1] + normal[2] * v[2]
-    wn = normal[0] * v[3] + normal[1] * v[4] + normal[2] * v[5]
-    f: float = max(share * (law[0] * depth - (law[0] * h + law[1]) * vn), 0.0)
-    load = share * law[0] * depth
-    slip, roll = law[5] * law[5], law[6] * law[6]
+    n, velocity, turning = vector(normal, 0), vector(v, 0), vector(v, 3)
+    vn, wn = dot(n, velocity), dot(n, turning)
+    f: float = max(share * (law.stiffness * depth - (law.stiffness * h + law.damping) * vn), 0.0)
+    load = share * law.stiffness * depth
+    slip, roll = law.slip_speed * law.slip_speed, law.slip_rate * law.slip_rate
     for i in range(3):
-        slip += (v[i] - vn * normal[i]) ** 2
-        roll += (v[3 + i] - wn * normal[i]) ** 2
-    drag, curl = load * law[2] / math.sqrt(slip), load * law[4] / math.sqrt(roll)
-    twist = load * law[3] / math.sqrt(wn * wn + law[6] * law[6])
+        slip += (velocity[i] - vn * n[i]) ** 2
+        roll += (turning[i] - wn * n[i]) ** 2
+    drag, curl = load * law.friction / math.sqrt(slip), load * law.roll / math.sqrt(roll)
+    twist = load * law.spin / math.sqrt(wn * wn + law.slip_rate * law.slip_rate)
     for i in range(3):
-        force[i] = f * normal[i] - drag * (v[i] - vn * normal[i])
-        force[3 + i] = -twist * wn * normal[i] - curl * (v[3 + i] - wn * normal[i])
+        force[i] = f * n[i] - drag * (velocity[i] - vn * n[i])
+        force[3 + i] = -twist * wn * n[i] - curl * (turning[i] - wn * n[i])
     return f
 
 
 @njit
 def contact_slope(
-    law: Array, h: float, depth: float, share: float, normal: Array, v: Array, f: float, slope: Array
+    law: ContactLaw, h: float, depth: float, share: float, normal: Array, v: Array, f: float, slope: Array
 ) -> None:
     """Write -d(force)/d(velocity) and -d(torque)/d(turning rate) into ``slope`` (2, 3, 3): symmetric, positive."""
-    vn = normal[0] * v[0] + normal[1] * v[1] + normal[2] * v[2]
-    wn = normal[0] * v[3] + normal[1] * v[4] + normal[2] * v[5]
-    load = share * law[0] * depth
-    slip, roll, spin = law[5] * law[5], law[6] * law[6], wn * wn + law[6] * law[6]
+    n, velocity, turning = vector(normal, 0), vector(v, 0), vector(v, 3)
+    vn, wn = dot(n, velocity), dot(n, turning)
+    load = share * law.stiffness * depth
+    slip, roll = law.slip_speed * law.slip_speed, law.slip_rate * law.slip_rate
+    spin = wn * wn + law.slip_rate * law.slip_rate
     for i in range(3):
-        slip += (v[i] - vn * normal[i]) ** 2
-        roll += (v[3 + i] - wn * normal[i]) ** 2
-    drag, curl = load * law[2] / math.sqrt(slip), load * law[4] / math.sqrt(roll)
-    stiff = share * (law[0] * h + law[1]) if f > 0.0 else 0.0
-    twist = load * law[3] / math.sqrt(spin) * (law[6] * law[6] / spin)
+        slip += (velocity[i] - vn * n[i]) ** 2
+        roll += (turning[i] - wn * n[i]) ** 2
+    drag, curl = load * law.friction / math.sqrt(slip), load * law.roll / math.sqrt(roll)
+    stiff = share * (law.stiffness * h + law.damping) if f > 0.0 else 0.0
+    twist = load * law.spin / math.sqrt(spin) * (law.slip_rate * law.slip_rate / spin)
     for i in range(3):
         for j in range(3):
-            along = normal[i] * normal[j]
+            along = n[i] * n[j]
             across = (1.0 if i == j else 0.0) - along
-            vv = (v[i] - vn * normal[i]) * (v[j] - vn * normal[j])
-            ww = (v[3 + i] - wn * normal[i]) * (v[3 + j] - wn * normal[j])
+            vv = (velocity[i] - vn * n[i]) * (velocity[j] - vn * n[j])
+            ww = (turning[i] - wn * n[i]) * (turning[j] - wn * n[j])
             slope[0, i, j] = stiff * along + drag * (across - vv / slip)
             slope[1, i, j] = twist * along + curl * (across - ww / roll)

@@ -8,7 +8,8 @@ import numpy as np
 
 from mbpam_ros.actuator.equilibrium import hanging_bend
 from mbpam_ros.actuator.kinematics import centreline
-from mbpam_ros.plant.tiers import CENTRELINE_POINTS, Actuation, Array, Tier, TierError, TierSetup, TierState
+from mbpam_ros.plant.fidelity import Fidelity
+from mbpam_ros.plant.tiers.base import CENTRELINE_POINTS, Actuation, Array, Tier, TierError, TierSetup, TierState
 
 
 class StaticTier(Tier):
@@ -21,30 +22,27 @@ class StaticTier(Tier):
         TierError: the setup holds an object.
     """
 
-    def __init__(self, setup: TierSetup) -> None:
+    def __init__(self, setup: TierSetup, fidelity: Fidelity) -> None:
         if setup.body is not None:
             raise TierError("tier 'static' cannot move an object: use tier 'arc' or 'rod', or no object")
-        self._setup = setup
-        self.reset()
+        self._setup, self._sub_step_s = setup, fidelity.sub_step_s
 
-    def reset(self) -> None:
-        fingers = len(self._setup.finger_base_m)
-        self._bend = np.zeros((fingers, 2))
-        self._rate = np.zeros((fingers, 2))
-        self._actuation: Actuation | None = None
-        self._equilibrium = np.zeros((fingers, 2))
+    def reset(self, actuation: Actuation) -> None:
+        self._equilibrium = self._rest(actuation)
+        self._bend, self._rate = np.zeros_like(self._equilibrium), np.zeros_like(self._equilibrium)
 
-    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        if before is not self._actuation:
-            self._equilibrium = self._rest(before)
-        duration, tau = (len(hand_height_m) - 1) * self._setup.sub_step_s, self._setup.config.static_lag_s
-        target = self._rest(after)
+    def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        target = self._rest(actuation)
+        if len(hand_height_m) == 1:
+            self._equilibrium = target
+            return
+        duration, tau = (len(hand_height_m) - 1) * self._sub_step_s, self._setup.config.static_lag_s
         ramp = (target - self._equilibrium) / duration
         behind = self._bend - self._equilibrium + tau * ramp
         left = behind * math.exp(-duration / tau)
         self._bend = target - tau * ramp + left
         self._rate = ramp - left / tau
-        self._actuation, self._equilibrium = after, target
+        self._equilibrium = target
 
     def state(self) -> TierState:
         setup, no_force = self._setup, np.zeros(3)

@@ -8,16 +8,15 @@ import pytest
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
-from mbpam_ros.plant.tiers import PlantDivergedError
+from mbpam_ros.plant.tiers.base import PlantDivergedError
 
 GRIPPER = load_gripper()
 ONE_AND_THREE = np.repeat([1.0, 0.0, 1.0, 0.0], 4) * np.tile([1.0, 0.2, 0.0, 0.0], 4)
 
 
 def plant_of(name, fingers, **changes):
-    scene = load_scene(name)
-    config = dataclasses.replace(scene.config, moving_fingers=fingers, **changes)
-    return build_plant(dataclasses.replace(scene, config=config), GRIPPER)
+    scene, request = load_scene(name)
+    return build_plant(scene, dataclasses.replace(request, moving_fingers=fingers, **changes), GRIPPER)
 
 
 @pytest.mark.parametrize("tier", ["static", "arc", "rod"])

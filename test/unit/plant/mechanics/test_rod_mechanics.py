@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import gravity_gradient_n_m
 from mbpam_ros.actuator.kinematics import centreline
-from mbpam_ros.plant.moving import tip_bend
-from mbpam_ros.plant.rod import (
+from mbpam_ros.plant.mechanics.rod import (
     ball_jacobian,
     ball_position,
     build_rod,
@@ -22,6 +21,7 @@ from mbpam_ros.plant.rod import (
     position_weights,
     stumpff,
 )
+from mbpam_ros.plant.tiers.rod import tip_bend
 
 GEOMETRY = MuscleGeometry(0.010, 0.015, 0.100, 0.162)
 BENDS = [(0.0, 0.0), (1e-6, -2e-6), (0.4, -0.3), (-1.5, 1.2), (2.4, 1.8)]

@@ -8,11 +8,10 @@ import pytest
 
 from mbpam_ros.grasp.modes import load_modes
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.fidelity import Tolerance
+from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
-from mbpam_ros.plant.stepping import outside_distance_m
-from mbpam_ros.plant.tiers import RigidBody, TierError
+from mbpam_ros.plant.tiers.base import TierError
 
 GRIPPER = load_gripper()
 L = GRIPPER.geometry.active_length_m
@@ -21,16 +20,10 @@ CLOSED = load_modes()["envelope"].setpoints(80e3)
 OPEN = np.zeros(16)
 
 
-def plant_of(name="bulb", tier="rod", air_modes=2, modes=4, static_pct=5.0, **changes):
-    scene = load_scene(name)
-    values = {
-        "tier": tier,
-        "modes": modes if tier == "rod" else None,
-        "air_modes": air_modes,
-        "tolerance": Tolerance(static_pct=static_pct),
-    }
-    config = dataclasses.replace(scene.config, **values, **changes)
-    return build_plant(dataclasses.replace(scene, config=config), GRIPPER)
+def plant_of(name="bulb", tier="rod", air_modes=2, modes=4, static_pct=5.0, pneumatics=None, **changes):
+    scene, _ = load_scene(name)
+    how = Fidelity(tier, modes if tier == "rod" else 1, 0.002, pneumatics, air_modes, largest_jump_pct=static_pct)
+    return build_plant(dataclasses.replace(scene, **changes), how, GRIPPER)
 
 
 def drive(plant, target_pa, duration_s):
@@ -42,7 +35,7 @@ def drive(plant, target_pa, duration_s):
 
 
 def messages(caplog):
-    return [record.getMessage() for record in caplog.records if record.name.endswith("stepping")]
+    return [record.getMessage() for record in caplog.records if record.name.endswith("adaptive")]
 
 
 def test_the_plant_steps_down_at_rest_up_before_contact_and_down_after_the_release_and_says_so(caplog):
@@ -79,7 +72,7 @@ def test_what_it_computes_is_what_the_modes_of_contact_compute():
 def test_a_resting_object_stays_where_it_is_and_on_its_support_while_out_of_reach():
     plant = plant_of()
     seen = drive(plant, OPEN, 0.5)[-1]
-    weight_n = load_scene("bulb").object.mass_kg * 9.81
+    weight_n = load_scene("bulb")[0].object.mass_kg * 9.81
     assert seen.support_force_n[2] == pytest.approx(-weight_n, rel=0.01)
     before = seen.object_in_world.position_m
     plant.lift()
@@ -99,7 +92,7 @@ def test_an_object_that_falls_is_computed_until_it_rests(caplog):
 @pytest.mark.parametrize(("static_pct", "changes"), [(1e-4, 0), (10.0, 1)])
 def test_it_does_not_step_down_where_the_tips_would_jump_by_more_than_is_allowed(caplog, static_pct, changes):
     caplog.set_level(logging.INFO)
-    deep = dataclasses.replace(load_scene("bulb").config.support, depth_m=0.43)
+    deep = dataclasses.replace(load_scene("bulb")[0].support, depth_m=0.43)
     plant = plant_of(air_modes=1, static_pct=static_pct, object_position_m=(0.0, 0.0, 0.4), support=deep)
     drive(plant, CLOSED, 1.0)
     assert len(messages(caplog)) == changes
@@ -109,7 +102,7 @@ def test_it_does_not_step_down_where_the_tips_would_jump_by_more_than_is_allowed
 def test_however_fast_the_fingers_close_the_plant_steps_up_before_they_touch(caplog, waited_s):
     caplog.set_level(logging.INFO)
     plant = plant_of(pneumatics="ideal", object_position_m=(0.0, 0.0, 0.105),
-                     support=dataclasses.replace(load_scene("bulb").config.support, depth_m=0.135))  # fmt: skip
+                     support=dataclasses.replace(load_scene("bulb")[0].support, depth_m=0.135))  # fmt: skip
     drive(plant, OPEN, waited_s)
     drive(plant, 1.5 * CLOSED, 0.5)
     up = [text for text in messages(caplog) if "up to" in text]
@@ -130,19 +123,3 @@ def test_a_reset_gives_the_same_bits_again():
 def test_modes_of_the_air_are_refused_where_they_mean_nothing(name, tier):
     with pytest.raises(TierError, match="air_modes"):
         plant_of(name, tier)
-
-
-@pytest.mark.parametrize("shape", ["sphere", "cylinder", "box"])
-def test_distances_are_those_of_the_nearest_of_many_points_of_the_surface(shape):
-    size = {"sphere": (0.06,) * 3, "cylinder": (0.03, 0.03, 0.1), "box": (0.04, 0.06, 0.1)}[shape]
-    half = 0.5 * np.array(size)
-    rng = np.random.default_rng(1)
-    inside = rng.uniform(-half, half, size=(400_000, 3))
-    if shape != "box":
-        around = inside[:, : 3 if shape == "sphere" else 2]
-        inside = inside[np.linalg.norm(around, axis=1) <= half[0]]
-    points = rng.uniform(-0.1, 0.1, size=(8, 3))
-    points = points[np.abs(points).max(axis=1) > 0.055]
-    sought = [np.linalg.norm(inside - point, axis=1).min() for point in points]
-    body = RigidBody(shape, size, 1.0, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
-    np.testing.assert_allclose(outside_distance_m(body, points), sought, atol=0.002)

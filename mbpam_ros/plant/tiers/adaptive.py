@@ -12,10 +12,12 @@ import dataclasses
 import logging
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from mbpam_ros.plant.moving import RodTier
-from mbpam_ros.plant.tiers import Actuation, Array, RigidBody, Tier, TierError, TierSetup, TierState
+from mbpam_ros.geometry.rotations import rotation_matrix
+from mbpam_ros.geometry.solids import distance_m
+from mbpam_ros.plant.fidelity import Fidelity
+from mbpam_ros.plant.tiers.base import Actuation, Array, Tier, TierError, TierSetup, TierState
+from mbpam_ros.plant.tiers.rod import RodTier
 
 LEAST_GAP_M = 0.004
 """Nearer than this counts as within reach: points of a centre line are 10 mm apart."""
@@ -32,39 +34,43 @@ _LOOK_DOWN_EVERY_S = 0.1
 _log = logging.getLogger(__name__)
 
 
-class SteppingTier(Tier):
+class AdaptiveTier(Tier):
     """Two tiers ``rod`` of which one moves the muscles: that of the air, or that of contact.
 
+    Args:
+        air: the muscles alone.
+        contact: the muscles, the object and all that they may touch.
+        setup, fidelity: of ``contact``.
+
     Raises:
-        TierError: a number of modes that cannot be.
+        TierError: there is no object.
     """
 
-    def __init__(self, setup: TierSetup) -> None:
+    def __init__(self, air: RodTier, contact: RodTier, setup: TierSetup, fidelity: Fidelity) -> None:
         if setup.body is None:
-            raise TierError("stepping between tiers is for a scene with an object")
-        self._setup, self._body = setup, setup.body
-        self._air = RodTier(dataclasses.replace(setup, body=None, modes=setup.air_modes))
-        self._contact = RodTier(setup)
-        self.reset()
+            raise TierError("a number of modes that changes is for a scene with an object")
+        self._air, self._contact = air, contact
+        self._setup, self._body, self._sub_step_s = setup, setup.body, fidelity.sub_step_s
+        self._largest_jump_m = 1e-2 * fidelity.largest_jump_pct * setup.geometry.active_length_m
 
     @property
     def in_contact_tier(self) -> bool:
         """Whether the tier of contact moves the muscles."""
         return self._active is self._contact
 
-    def reset(self) -> None:
-        self._air.reset()
-        self._contact.reset()
+    def reset(self, actuation: Actuation) -> None:
+        self._air.reset(actuation)
+        self._contact.reset(actuation)
         self._active = self._contact
         self._time_s = self._look_s = 0.0
         self._turn, self._centre_m = self._object_place()
 
-    def step(self, before: Actuation, after: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        duration_s = (len(hand_height_m) - 1) * self._setup.sub_step_s
+    def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
+        duration_s = (len(hand_height_m) - 1) * self._sub_step_s
         if self._time_s >= self._look_s:
             look = self._look_down if self.in_contact_tier else self._look_up
             look(duration_s, hand_height_m, hand_velocity_m_s)
-        self._active.step(before, after, hand_height_m, hand_velocity_m_s)
+        self._active.step(actuation, hand_height_m, hand_velocity_m_s)
         self._time_s += duration_s
 
     def state(self) -> TierState:
@@ -104,7 +110,7 @@ class SteppingTier(Tier):
         tier.take_over(self._active)
         jump_m = float(np.linalg.norm(tier.centreline_m()[:, -1] - lines[:, -1], axis=1).max())
         up = tier is self._contact
-        if not up and jump_m > self._setup.largest_jump_m:
+        if not up and jump_m > self._largest_jump_m:
             return
         _log.info(
             "at %.3f s, the object %.1f mm from the nearest finger: %s to %d modes a plane; the tips moved by %.4f mm",
@@ -124,23 +130,11 @@ class SteppingTier(Tier):
     def _object_place(self) -> tuple[Array, Array]:
         """Axes, in columns, and centre of the object in the world, shapes (3, 3) and (3,)."""
         body = self._contact.object_state()
-        return Rotation.from_quat(body.orientation_xyzw).as_matrix(), body.position_m
+        return rotation_matrix(body.orientation_xyzw), body.position_m
 
     def _gap_m(self, lines_m: Array, hand_height_m: float) -> float:
-        """Smallest distance of the muscles' surface from the object's; not right where they overlap, but negative."""
+        """Smallest distance of the muscles' surface from the object's; negative where they overlap."""
         centre = self._centre_m + (0.0, 0.0, hand_height_m)  # in gripper_base
         points = (lines_m.reshape(-1, 3) - centre) @ self._turn
-        return float(outside_distance_m(self._body, points).min()) - self._setup.geometry.outer_radius_m
-
-
-def outside_distance_m(body: RigidBody, points_m: Array) -> Array:
-    """Return the distances (n,) of points (n, 3) in the body's frame from its surface; 0 inside."""
-    half = 0.5 * np.array(body.size_m)
-    if body.shape == "sphere":
-        distance: Array = np.maximum(np.linalg.norm(points_m, axis=1) - half[0], 0.0)
-    elif body.shape == "cylinder":
-        aside = np.hypot(points_m[:, 0], points_m[:, 1]) - half[0]
-        distance = np.hypot(np.maximum(aside, 0.0), np.maximum(np.abs(points_m[:, 2]) - half[2], 0.0))
-    else:
-        distance = np.linalg.norm(np.maximum(np.abs(points_m) - half, 0.0), axis=1)
-    return distance
+        gap_m = distance_m(self._body.shape, self._body.size_m, points).min() - self._setup.geometry.outer_radius_m
+        return float(gap_m)
