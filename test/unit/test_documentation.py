@@ -101,6 +101,7 @@ def test_the_readme_can_be_read_in_ten_minutes():
 @pytest.mark.parametrize("page", PAGES, ids=identity)
 def test_what_a_page_links_to_or_names_is_there(page):
     text = CODE.sub("", page.read_text(encoding="utf-8"))
+    assert "\n<<<<<<< " not in text, "a merge left both sides"
     linked = [target for target in LINK.findall(text) if "://" not in target]
     assert not [target for target in linked if not (page.parent / target).exists()]
     named = [code for code in inline_code(page) if code.startswith(OWN_FOLDERS) and " " not in code]
