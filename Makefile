@@ -26,9 +26,9 @@ test: $(VENV)/test.stamp
 	@$(MAKE) --no-print-directory --jobs 2 lint compiled
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadgroup test
 
-# All day: no node, no study, no property. What these folders hold takes half of the processor time of the unit tests.
+# All day: studies, properties, running nodes and what is marked slow take nine tenths of the time and wait for `test`.
 check: lint
-	$(BIN)/python -m pytest --numprocesses 2 --quiet test/unit --ignore test/unit/study
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadgroup -m "not slow" test/unit --ignore test/unit/study
 
 # The node tests on ROS 2 Jazzy, whose wheels must not share an environment with those of Kilted.
 test-jazzy: $(JAZZY)/test.stamp

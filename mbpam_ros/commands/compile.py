@@ -18,8 +18,8 @@ from mbpam_ros.estimation.estimator import BendEstimator, EstimatorConfig
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
-from mbpam_ros.pneumatics.chamber import build_pneumatics, pneumatic_model_names
 from mbpam_ros.pneumatics.config import load_pneumatics
+from mbpam_ros.pneumatics.registry import build_pneumatics, pneumatic_model_names
 from mbpam_ros.terminal import Progress
 
 

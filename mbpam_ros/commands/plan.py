@@ -23,7 +23,7 @@ from mbpam_ros.plant.fidelity import ALL_FINGERS, AUTO, TABLE, FidelityRequest, 
 from mbpam_ros.plant.planner import PlanError, plan
 from mbpam_ros.plant.scene import load_scene
 from mbpam_ros.plant.tiers.registry import tier_names
-from mbpam_ros.pneumatics.chamber import pneumatic_model_names
+from mbpam_ros.pneumatics.registry import pneumatic_model_names
 from mbpam_ros.study.fidelity.plan import plan_text
 
 _DECIDED = ("tier", "modes", "sub_step_s", "pneumatics", "contact")

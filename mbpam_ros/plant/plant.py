@@ -29,8 +29,9 @@ from mbpam_ros.plant.tiers.base import (
     Tier,
 )
 from mbpam_ros.plant.tiers.registry import build_tier
-from mbpam_ros.pneumatics.chamber import PneumaticModel, build_pneumatics
+from mbpam_ros.pneumatics.chamber import PneumaticModel
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
+from mbpam_ros.pneumatics.registry import build_pneumatics
 from mbpam_ros.pneumatics.transducer import Transducer
 
 Array = NDArray[np.float64]

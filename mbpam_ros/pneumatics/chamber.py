@@ -1,4 +1,4 @@
-"""Valve and chamber: from spool commands to chamber pressures, several models behind one face, chosen by name.
+"""Valve and chamber: from spool commands to chamber pressures, several models behind one face.
 
 Every channel is a 3/3-way proportional valve (+1 fill, 0 closed, -1 vent) on one chamber. The spool follows its command
 with a first-order lag, integrated exactly; the chamber follows the opening by the law of the model: exactly for
@@ -9,10 +9,8 @@ held for the length of the step.
 
 from __future__ import annotations
 
-import importlib
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -188,32 +186,6 @@ class LagChambers(PneumaticModel):
         moved = end + (self._pressure - end) * decay
         within: Vector = np.minimum(np.maximum(moved, 0.0), self._config.supply_gauge_pa)
         return within
-
-
-_MODELS = {
-    "ideal": ("mbpam_ros.pneumatics.chamber", "IdealChambers"),
-    "lag": ("mbpam_ros.pneumatics.chamber", "LagChambers"),
-    "iso6358": ("mbpam_ros.pneumatics.iso6358", "IsoChambers"),
-}
-"""Modules are imported when asked for: a model that is not used costs nothing, neither does its compiler."""
-
-
-def pneumatic_model_names() -> tuple[str, ...]:
-    """Return the names of all models, cheapest first."""
-    return tuple(_MODELS)
-
-
-def build_pneumatics(name: str, config: ChamberConfig) -> PneumaticModel:
-    """Return the pneumatic model ``name``, vented and closed.
-
-    Raises:
-        PneumaticsInputError: no such model; the message lists those there are.
-    """
-    if name not in _MODELS:
-        raise PneumaticsInputError(f"no pneumatic model {name!r}; known: {', '.join(_MODELS)}")
-    module, model = _MODELS[name]
-    build: Callable[[ChamberConfig], PneumaticModel] = getattr(importlib.import_module(module), model)
-    return build(config)
 
 
 def _require_within(values: Vector, low: float, high: float, what: str) -> None:

@@ -3,6 +3,7 @@
 import ast
 import builtins
 import inspect
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,33 @@ def imports_of(path: Path) -> set[str]:
             assert node.level == 0, f"{path}: relative import"
             names.add(node.module)
     return names
+
+
+def module_name(path: Path) -> str:
+    return ".".join(("mbpam_ros", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__")
+
+
+NAMES = {module_name(path) for path in MODULES}
+
+
+def modules_imported_at_once(tree: ast.AST) -> set[str]:
+    """Modules of the package that are loaded with one: all its imports but those inside functions."""
+    found = set()
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.ImportFrom):
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
+            found |= modules_imported_at_once(node)
+    return found & NAMES
+
+
+def modules_referred_to(tree: ast.AST) -> set[str]:
+    """Modules of the package that are ever imported from one: at once, in a function, or by a name in a table."""
+    inside = [modules_imported_at_once(node) for node in ast.walk(tree)]
+    named = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    return set().union(*inside) | named & NAMES
 
 
 def public_functions(path: Path) -> list[tuple[ast.FunctionDef, bool]]:
@@ -109,6 +137,13 @@ def test_every_error_has_the_one_root(path):
         and "MbpamError" not in [getattr(base, "id", None) for base in node.bases]
     }
     assert rootless == ({"MbpamError"} if identity(path) == "errors.py" else set())
+
+
+@pytest.mark.parametrize("reach", [modules_imported_at_once, modules_referred_to])
+def test_no_module_leads_back_to_itself(reach):
+    trees = {module_name(path): ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
+    graph = {name: reach(tree) - {name} for name, tree in trees.items()}
+    TopologicalSorter(graph).prepare()  # a CycleError names the modules of the circle
 
 
 def test_the_public_module_list_is_read_from_the_package_under_test():

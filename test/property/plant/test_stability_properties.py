@@ -16,8 +16,8 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, PlantDivergedError, RigidBody, TierSetup
 from mbpam_ros.plant.tiers.registry import build_tier
-from mbpam_ros.pneumatics.chamber import build_pneumatics
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
+from mbpam_ros.pneumatics.registry import build_pneumatics
 
 GRIPPER = load_gripper()
 CONFIG = load_config(PlantConfig, "plant.yaml")

@@ -5,9 +5,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mbpam_ros.pneumatics.chamber import build_pneumatics
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.controller import PressureController
+from mbpam_ros.pneumatics.registry import build_pneumatics
 from mbpam_ros.pneumatics.sensing import ChannelStatus, PressureSensing
 
 CONFIG = load_pneumatics()

@@ -32,6 +32,7 @@ def angle_and_force(law, pattern):
     return free, blocked_path(loads, GEOMETRY)[-1].push_n
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", ["fe", "test"])
 @pytest.mark.parametrize("metamodel", METAMODELS)
 @pytest.mark.parametrize("design", DESIGNS, ids=str)
@@ -45,6 +46,7 @@ def assert_returns_its_targets(design, metamodel, target):
         assert angle_and_force(law, pattern) == pytest.approx((wanted.theta_max_rad, wanted.f_max_n), rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("a_mm", [2.0, 3.0])
 @pytest.mark.parametrize("b_mm", [1.0, 1.5, 2.5, 3.0])
 def test_designs_inside_the_domain_are_calibrated_too(a_mm, b_mm):

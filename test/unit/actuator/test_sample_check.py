@@ -104,6 +104,7 @@ def test_the_papers_samples_pass(table):
     require_determining(read_samples(table)[0], PAPER_DOMAIN, 6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [9, 12, 21, 60])
 def test_what_sample_design_gives_passes(count):
     for seed in range(5):

@@ -7,13 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbpam_ros.pneumatics.chamber import (
-    ChamberConfig,
-    OrificeConfig,
-    PneumaticsInputError,
-    build_pneumatics,
-    pneumatic_model_names,
-)
+from mbpam_ros.pneumatics.chamber import ChamberConfig, OrificeConfig, PneumaticsInputError
+from mbpam_ros.pneumatics.registry import build_pneumatics, pneumatic_model_names
 
 ORIFICES = OrificeConfig(
     sonic_conductance_m3_s_pa=2.5e-10,

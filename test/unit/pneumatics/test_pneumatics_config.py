@@ -6,9 +6,9 @@ import pytest
 
 from mbpam_ros.configuration import ConfigError, load_yaml, parse_config
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.pneumatics.chamber import build_pneumatics, pneumatic_model_names
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
 from mbpam_ros.pneumatics.controller import PressureController
+from mbpam_ros.pneumatics.registry import build_pneumatics, pneumatic_model_names
 
 
 def changed(section, key, value):

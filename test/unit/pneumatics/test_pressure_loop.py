@@ -6,9 +6,9 @@ from collections import deque
 import numpy as np
 import pytest
 
-from mbpam_ros.pneumatics.chamber import build_pneumatics
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.controller import PressureController
+from mbpam_ros.pneumatics.registry import build_pneumatics
 from mbpam_ros.pneumatics.sensing import PressureSensing
 from mbpam_ros.pneumatics.transducer import Transducer
 

@@ -1,0 +1,33 @@
+"""The pneumatic models by name."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+
+from mbpam_ros.pneumatics.chamber import ChamberConfig, PneumaticModel, PneumaticsInputError
+
+_MODELS = {
+    "ideal": ("mbpam_ros.pneumatics.chamber", "IdealChambers"),
+    "lag": ("mbpam_ros.pneumatics.chamber", "LagChambers"),
+    "iso6358": ("mbpam_ros.pneumatics.iso6358", "IsoChambers"),
+}
+"""Modules are imported when asked for: a model that is not used costs nothing, neither does its compiler."""
+
+
+def pneumatic_model_names() -> tuple[str, ...]:
+    """Return the names of all models, cheapest first."""
+    return tuple(_MODELS)
+
+
+def build_pneumatics(name: str, config: ChamberConfig) -> PneumaticModel:
+    """Return the pneumatic model ``name``, vented and closed.
+
+    Raises:
+        PneumaticsInputError: no such model; the message lists those there are.
+    """
+    if name not in _MODELS:
+        raise PneumaticsInputError(f"no pneumatic model {name!r}; known: {', '.join(_MODELS)}")
+    module, model = _MODELS[name]
+    build: Callable[[ChamberConfig], PneumaticModel] = getattr(importlib.import_module(module), model)
+    return build(config)
