@@ -123,6 +123,7 @@ def test_what_a_page_tells_to_run_is_there(page):
             assert (ROOT / words[0]).is_file(), words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if "```python" in page.read_text("utf-8")], ids=identity)
 def test_the_python_of_a_page_runs_and_prints_what_is_shown_after_it(page, capsys):
     names, python_before = {"__name__": "page"}, False
