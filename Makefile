@@ -2,6 +2,7 @@
 # make test   set everything up, lint, and run all tests
 # make check  lint and the fast unit tests in under a minute, while a change is made
 # make test-jazzy  run the node tests on the wheels of ROS 2 Jazzy
+# make docs   build the manual into build/docs; a warning is an error
 # make bench  print CPU and latency of the running system
 PYTHON ?= python3
 VENV := .venv
@@ -15,10 +16,10 @@ $(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13
 	{ echo "error: Python 3.11 to 3.13 is needed, found $$($(PYTHON) --version 2>&1 | head -n 1); name one: make PYTHON=python3.12" >&2; exit 1; }
 endef
 
-.PHONY: demo test check test-jazzy lint compiled bench clean
+.PHONY: demo test check test-jazzy lint compiled docs bench clean
 
-demo: $(VENV)/run.stamp
-	$(BIN)/demo $(DEMO_ARGS)
+demo: compiled
+	$(BIN)/mbpam demo $(DEMO_ARGS)
 
 # Node processes run one after another in one worker; what needs no clock runs beside them, and then on both cores.
 test: $(VENV)/test.stamp
@@ -34,16 +35,19 @@ test-jazzy: $(JAZZY)/test.stamp
 	$(JAZZY)/bin/python -m pytest --numprocesses 2 --dist loadgroup test/integration
 
 compiled: $(VENV)/run.stamp
-	@echo "compiling the plant (once, about a minute)"
-	@$(BIN)/python -c "from mbpam_ros import Simulation; [Simulation(scene).tick() for scene in ('bulb', 'empty')]"
+	@$(BIN)/mbpam compile
 
 lint: $(VENV)/test.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+docs: $(VENV)/docs.stamp
+	$(BIN)/python -m sphinx --quiet --fail-on-warning --jobs 2 docs build/docs
+	@echo "the manual is build/docs/index.html"
+
 bench: $(VENV)/test.stamp
-	$(BIN)/python -m mbpam_ros.nodes.bench $(BENCH_ARGS)
+	$(BIN)/mbpam bench $(BENCH_ARGS)
 
 $(VENV)/run.stamp: requirements.txt setup.py
 	@$(call refuse-other-pythons)
@@ -63,6 +67,10 @@ $(JAZZY)/test.stamp: requirements-jazzy.txt setup.py
 	@test -d $(JAZZY) || $(PYTHON) -m venv $(JAZZY)
 	@$(JAZZY)/bin/python -m pip install --quiet --disable-pip-version-check -r requirements-jazzy.txt
 	@$(JAZZY)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
+	@touch $@
+
+$(VENV)/docs.stamp: $(VENV)/run.stamp requirements-docs.txt
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.txt
 	@touch $@
 
 clean:

@@ -1,8 +1,13 @@
 """Package the gripper for colcon (ament_python) and for pip alike."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.develop import develop
+from setuptools.command.install import install
 
 PACKAGE = "mbpam_ros"
 NODES = (
@@ -13,10 +18,7 @@ NODES = (
     "object_detector",
     "grasp_arbiter",
     "bringup",
-    "demo",
 )
-DESIGN_STUDY = ("sample_design", "compare_metamodels", "optimise_design")
-FIDELITY = ("fidelity_trade", "plan")
 ROS_WHEELS = [
     "ros-rclpy",
     "ros-rmw-fastrtps-cpp",
@@ -28,8 +30,13 @@ TEST = ["pytest", "pytest-timeout", "hypothesis"]
 
 
 def shared_files() -> list[tuple[str, list[str]]]:
-    """Return data_files: the package index marker, package.xml, and every file of ``config/`` in its folder."""
+    """Return data_files: the package index marker, package.xml, what ros2 run finds, and ``config/`` folder by folder.
+
+    What ros2 run finds lies in ``lib/<package>`` under short names and hands over to the console scripts: these are on
+    everybody's path, where ``plant`` or ``demo`` may be anything.
+    """
     files = [
+        (f"lib/{PACKAGE}", [str(path) for path in sorted(Path("executables").iterdir())]),
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ]
@@ -40,7 +47,35 @@ def shared_files() -> list[tuple[str, list[str]]]:
     return files
 
 
+def compile_kernels(library: str | None) -> None:
+    """Fill the cache of compiled kernels beside what was installed; where that fails, the first node to start does."""
+    path = os.pathsep.join(filter(None, [library, os.environ.get("PYTHONPATH")]))
+    command = [sys.executable, "-m", f"{PACKAGE}.commands", "compile"]
+    if subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, cwd=os.sep, check=False).returncode:
+        print("warning: no kernels compiled; the first node to start compiles them", file=sys.stderr)
+
+
+class InstallCompiled(install):
+    """``setup.py install``, which is what colcon calls."""
+
+    def run(self) -> None:
+        """Install, then compile; not while a wheel is made, which goes to other machines."""
+        super().run()
+        if self.root is None:
+            compile_kernels(self.install_lib)
+
+
+class DevelopCompiled(develop):
+    """``setup.py develop``, which is what colcon calls with ``--symlink-install``."""
+
+    def run(self) -> None:
+        """Link, then compile."""
+        super().run()
+        compile_kernels(str(Path(__file__).parent))
+
+
 setup(
+    cmdclass={"install": InstallCompiled, "develop": DevelopCompiled},
     name=PACKAGE,
     version="0.1.0",
     description="Run and simulate a four-finger gripper of multi-directional bending pneumatic artificial muscles",
@@ -66,13 +101,8 @@ setup(
     zip_safe=True,
     entry_points={
         "console_scripts": [
-            *(f"{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
-            f"benchmark_peers = {PACKAGE}.study.peers.benchmark_peers:main",
-            f"calibrate_fe = {PACKAGE}.study.fe.calibrate_fe:main",
-            f"stability_map = {PACKAGE}.study.stability_map:main",
-            *(f"{command} = {PACKAGE}.study.design.{command}:main" for command in DESIGN_STUDY),
-            *(f"{command} = {PACKAGE}.study.fidelity.{command}:main" for command in FIDELITY),
-            f"grasp_study = {PACKAGE}.study.grasp.grasp_study:main",
+            f"mbpam = {PACKAGE}.commands.mbpam:main",
+            *(f"mbpam_{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
         ]
     },
 )

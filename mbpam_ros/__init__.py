@@ -15,6 +15,8 @@ import importlib
 
 _PUBLIC = {
     "Answer": "answer",
+    "Fidelity": "plant.fidelity",
+    "FidelityRequest": "plant.fidelity",
     "Gripper": "gripper",
     "MbpamError": "errors",
     "Observation": "plant.plant",

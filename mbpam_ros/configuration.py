@@ -103,7 +103,7 @@ def load_config(cls: type[Config], name: str | Path) -> Config:
     return parse_config(cls, load_yaml(name), where=str(name))
 
 
-def parse_config(cls: type[Config], mapping: Any, where: str) -> Config:
+def parse_config(cls: type[Config], mapping: Any, where: str, **decided: object) -> Config:
     """Build the dataclass ``cls`` from a mapping, strictly.
 
     Every key must be a field and every field without a default must be given. Values are checked against the
@@ -114,13 +114,31 @@ def parse_config(cls: type[Config], mapping: Any, where: str) -> Config:
         cls: a dataclass type.
         mapping: what the file holds.
         where: name of the place, for messages, e.g. ``gripper.yaml``.
+        decided: values of fields that the mapping may not have.
+
+    Raises:
+        ConfigError: names the place, what is wrong, and what would be right.
+    """
+    config: Config = parse_together((cls,), mapping, where, **decided)[0]
+    return config
+
+
+def parse_together(
+    classes: tuple[type[DataclassInstance], ...], mapping: Any, where: str, **decided: object
+) -> tuple[Any, ...]:
+    """Build several dataclasses from one mapping, each as :func:`parse_config` does; they share out its keys.
 
     Raises:
         ConfigError: names the place, what is wrong, and what would be right.
     """
     if not isinstance(mapping, dict):
         raise ConfigError(f"{where}: expected a mapping, found {mapping!r}")
-    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
+    fields = {
+        field.name: field
+        for cls in classes
+        for field in dataclasses.fields(cls)
+        if field.init and field.name not in decided
+    }
     unknown = sorted(str(key) for key in mapping if key not in fields)
     if unknown:
         raise ConfigError(f"{where}: unknown key {', '.join(unknown)}; known: {', '.join(fields)}")
@@ -131,8 +149,14 @@ def parse_config(cls: type[Config], mapping: Any, where: str) -> Config:
     ]
     if missing:
         raise ConfigError(f"{where}: missing key {', '.join(missing)}")
+    return tuple(_build(cls, mapping, where, decided) for cls in classes)
+
+
+def _build(cls: type[DataclassInstance], mapping: dict[str, Any], where: str, decided: dict[str, object]) -> object:
     hints = typing.get_type_hints(cls)
-    values = {str(key): _convert(hints[key], value, f"{where}: {key}") for key, value in mapping.items()}
+    names = [field.name for field in dataclasses.fields(cls)]
+    values = {name: _convert(hints[name], mapping[name], f"{where}: {name}") for name in names if name in mapping}
+    values |= {name: value for name, value in decided.items() if name in names}
     try:
         return cls(**values)
     except ConfigError:
@@ -160,7 +184,7 @@ def _convert(expected: Any, value: Any, where: str) -> Any:
             raise ConfigError(f"{where}: {value!r} is not one of {', '.join(map(str, arguments))}")
         return value
     if isinstance(expected, type) and dataclasses.is_dataclass(expected):
-        return parse_config(expected, value, where)
+        return value if isinstance(value, expected) else parse_config(expected, value, where)
     if origin is dict:
         if not isinstance(value, dict):
             raise ConfigError(f"{where}: expected a mapping, found {value!r}")

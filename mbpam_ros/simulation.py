@@ -17,6 +17,7 @@ from mbpam_ros.grasp.arbitration import Arbiter, Decision, GraspConfig, load_gra
 from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
 from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
 from mbpam_ros.gripper import Gripper, load_gripper
+from mbpam_ros.plant.fidelity import Fidelity, FidelityRequest
 from mbpam_ros.plant.plant import Observation, build_plant
 from mbpam_ros.plant.scene import Scene, load_scene
 from mbpam_ros.pneumatics.air_switch import AirSwitch
@@ -37,6 +38,8 @@ class Simulation:
 
     Args:
         scene: what is there, or the name of a scene or scene file.
+        fidelity: how it is computed; none for what the scene file says, and for a scene without one for what the
+            planner chooses.
         gripper: the muscles and where they stand; by default those of ``gripper.yaml``.
         grip_pressure_gauge_pa: of every mode; none for those of ``grasp.yaml``.
         seed: of the transducers' noise. The same seed and calls give the same bits.
@@ -46,24 +49,25 @@ class Simulation:
         decision: what the arbiter has decided last.
 
     Raises:
-        ConfigError: a file is wrong, or the grip pressure is above the gripper's limit.
+        ConfigError: a file is wrong, no plan fits, or the grip pressure is above the gripper's limit.
         TierError: no such tier, or it cannot compute what the scene holds.
     """
 
     def __init__(
         self,
         scene: Scene | str,
+        fidelity: Fidelity | FidelityRequest | None = None,
         gripper: Gripper | None = None,
         grip_pressure_gauge_pa: float | None = None,
         seed: int = 0,
     ) -> None:
-        scene = load_scene(scene) if isinstance(scene, str) else scene
+        scene, request = load_scene(scene) if isinstance(scene, str) else (scene, FidelityRequest())
         gripper = load_gripper() if gripper is None else gripper
         self._object = scene.object
         pneumatics = load_pneumatics()
         limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
         self._arbiter = _arbiter(gripper, load_grasp_config(), grip_pressure_gauge_pa)
-        self._plant = build_plant(scene, gripper, pneumatics, seed=seed)
+        self._plant = build_plant(scene, fidelity or request, gripper, pneumatics, seed=seed)
         self._sensing = PressureSensing(pneumatics.sensing, pneumatics.transducer)
         self._controller = PressureController(pneumatics.controller, *limits)
         self._switch = AirSwitch(self._controller, switched_on=True)

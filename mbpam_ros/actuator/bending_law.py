@@ -114,7 +114,7 @@ def stored_cell_laws() -> dict[str, CellLaw]:
     """Return the laws of ``pdc`` and ``psc`` at the initial design.
 
     Raises:
-        ConfigError: the file is missing, or no law of ``calibrate_fe``.
+        ConfigError: the file is missing, or no law of ``mbpam fe law``.
     """
     path = config_path(LAW_FILE)
     try:
@@ -122,7 +122,7 @@ def stored_cell_laws() -> dict[str, CellLaw]:
         length_m = 1e-3 * content["settings"]["geometry"]["active_length_mm"]
         return {pattern: _from_tables(content["tables"], pattern, length_m) for pattern in PATTERNS}
     except (ValueError, KeyError, TypeError, IndexError) as error:
-        raise ConfigError(f"{path}: no bending law of calibrate_fe: {error}") from error
+        raise ConfigError(f"{path}: no bending law of mbpam fe law: {error}") from error
 
 
 def _from_tables(tables: list[dict[str, Any]], pattern: str, length_m: float) -> CellLaw:

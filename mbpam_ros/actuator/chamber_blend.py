@@ -43,7 +43,9 @@ def blend(pressure_gauge_pa: Array, tables: BlendTables) -> tuple[Array, Array]:
     count, last = pressure_gauge_pa.shape[0], tables.rows.shape[0] - 2
     end_pa = (last + 1) * tables.step_pa
     moment, stiffness = np.full((count, 2), np.nan), np.full(count, np.nan)
-    pressure, looked_up, push = np.empty(4), np.empty((4, 4)), np.empty(4)
+    pressure, push, looked_up = np.empty(4), np.empty(4), np.empty((4, 4))
+    # The columns of the tables, a number for each chamber.
+    alone, gain, mean, half_difference = looked_up[0], looked_up[1], looked_up[2], looked_up[3]
     for row in range(count):
         if np.isnan(pressure_gauge_pa[row]).any():
             continue
@@ -53,23 +55,22 @@ def blend(pressure_gauge_pa: Array, tables: BlendTables) -> tuple[Array, Array]:
             index = min(int(place), last)
             for column in range(4):
                 low, high = tables.rows[index, column], tables.rows[index + 1, column]
-                looked_up[chamber, column] = low + (place - index) * (high - low)
+                looked_up[column, chamber] = low + (place - index) * (high - low)
         for chamber in range(4):
             before = min(pressure[chamber], pressure[(chamber + 3) % 4])
             across = min(pressure[chamber], pressure[(chamber + 2) % 4])
             after = min(pressure[chamber], pressure[(chamber + 1) % 4])
-            alone, gain = looked_up[chamber, 0], looked_up[chamber, 1]
-            shared = before + after + across if gain > 0.0 else max(max(before, after), across)
-            push[chamber] = alone + gain * shared
+            shared = before + after + across if gain[chamber] > 0.0 else max(max(before, after), across)
+            push[chamber] = alone[chamber] + gain[chamber] * shared
         # Along the diagonals at azimuth 45 and 135 deg.
         first, second = push[2] - push[0], push[3] - push[1]
         moment[row, 0] = _ROOT_HALF * (first - second)
         moment[row, 1] = _ROOT_HALF * (first + second)
         # What cancels is left to be isotropic; it is 0 in PSC and PDC.
-        cancelled = min(looked_up[0, 0], looked_up[2, 0]) ** 2 + min(looked_up[1, 0], looked_up[3, 0]) ** 2
+        cancelled = min(alone[0], alone[2]) ** 2 + min(alone[1], alone[3]) ** 2
         size = first**2 + second**2 + cancelled
         double_cosine = (first**2 - second**2) / size if size > 0.0 else 0.0
-        rise = (looked_up[0, 2] + looked_up[2, 2]) + (looked_up[1, 2] + looked_up[3, 2])
-        anisotropy = (looked_up[0, 3] + looked_up[2, 3]) - (looked_up[1, 3] + looked_up[3, 3])
+        rise = (mean[0] + mean[2]) + (mean[1] + mean[3])
+        anisotropy = (half_difference[0] + half_difference[2]) - (half_difference[1] + half_difference[3])
         stiffness[row] = tables.rest_stiffness_n_m2 + rise + anisotropy * double_cosine
     return moment, stiffness

@@ -17,7 +17,7 @@ MetamodelName = Literal["prs", "rbf", "krg", "rbf_gaussian", "krg_nugget"]
 SAME_DESIGN_SHARE = 1e-4
 """Share of a variable's range; designs that differ by no more than that in a and in b are the same design.
 
-On the paper's domain 0.2 um, below what meshes and moulds tell apart; the designs of ``sample_design``, rounded to
+On the paper's domain 0.2 um, below what meshes and moulds tell apart; the designs of ``mbpam sample``, rounded to
 1 um, differ by more."""
 
 

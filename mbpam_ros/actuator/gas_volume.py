@@ -65,9 +65,7 @@ def gas_volume_tables() -> GasVolumeTables:
         rows = json.loads(path.read_text(encoding="utf-8"))["tables"]
         sampled = {pattern: _on_grid(rows, pattern, count) for pattern, count in (("psc", 1), ("pdc", 2))}
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigError(
-            f"{path}: no bending law with gas volumes ({error}); make one with calibrate_fe --law"
-        ) from None
+        raise ConfigError(f"{path}: no bending law with gas volumes ({error}); make one with mbpam fe law") from None
     return GasVolumeTables(
         _PRESSURE_GRID_PA[0],
         _PRESSURE_GRID_PA[1] - _PRESSURE_GRID_PA[0],

@@ -1,4 +1,4 @@
-"""Designs by name: the paper's initial one, and those that ``optimise_design --save-as`` has kept."""
+"""Designs by name: the paper's initial one, and those that ``mbpam optimise --save-as`` has kept."""
 
 from __future__ import annotations
 
@@ -74,6 +74,6 @@ def load_design(name: str) -> MuscleDesign:
     if name not in designs:
         raise ConfigError(
             f"no design {name!r}; known: {', '.join(designs)}; give one of them, or a_mm and b_mm, or keep one with "
-            f"optimise_design --save-as {name}"
+            f"mbpam optimise --save-as {name}"
         )
     return designs[name]

@@ -12,16 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mbpam_ros.configuration import require_positive
+from mbpam_ros.geometry.rotations import about_z, rotation_matrix
+from mbpam_ros.geometry.solids import SHAPES, Shape
 from mbpam_ros.grasp.modes import GraspMode
 from mbpam_ros.gripper import Gripper
-
-Shape = Literal["sphere", "cylinder", "box"]
 
 
 @dataclass(frozen=True)
@@ -82,8 +80,8 @@ class DetectedObject:
     confidence: float
 
     def __post_init__(self) -> None:
-        if self.shape not in get_args(Shape):
-            raise ValueError(f"{self.label}: shape {self.shape!r} is none of {', '.join(get_args(Shape))}")
+        if self.shape not in SHAPES:
+            raise ValueError(f"{self.label}: shape {self.shape!r} is none of {', '.join(SHAPES)}")
         for name, count in (("size_m", 3), ("position_m", 3), ("orientation_xyzw", 4)):
             value = tuple(float(number) for number in getattr(self, name))
             if len(value) != count or not all(math.isfinite(number) for number in value):
@@ -136,8 +134,7 @@ class GraspChoice:
     def wrist_pose(self) -> WristPose:
         """Pose that puts the palm's axis through the object's centre and the mode's rod axis along the object."""
         x, y, _ = self.target.position_m
-        half = 0.5 * self.wrist_rotation_rad
-        return WristPose((x, y, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
+        return WristPose((x, y, 0.0), about_z(self.wrist_rotation_rad))
 
 
 @dataclass(frozen=True)
@@ -253,7 +250,7 @@ class ModeSelector:
 def _footprint(target: DetectedObject) -> _Footprint:
     if target.shape == "sphere":
         return _Footprint(max(target.size_m), max(target.size_m), None)
-    axes = _body_axes(target.orientation_xyzw)
+    axes = rotation_matrix(target.orientation_xyzw)
     upright = int(np.argmax(np.abs(axes[2])))
     if target.shape == "cylinder":
         diameter, length = max(target.size_m[:2]), target.size_m[2]
@@ -275,15 +272,3 @@ def _nearest_turn(axis_azimuth_rad: float | None) -> tuple[int, float]:
     quarters = axis_azimuth_rad / (math.pi / 2.0) - 1.0
     nearest = math.ceil(quarters - 0.5)
     return nearest % 2, (quarters - nearest) * (math.pi / 2.0)
-
-
-def _body_axes(orientation_xyzw: tuple[float, float, float, float]) -> NDArray[np.float64]:
-    """Rotation matrix of a unit quaternion, shape (3, 3); its columns are the body axes in ``gripper_base``."""
-    x, y, z, w = orientation_xyzw
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mbpam_ros.nodes.interface import SERVICES, TOPICS
 from mbpam_ros.nodes.parameters import Parameter
-from mbpam_ros.nodes.progress import table
+from mbpam_ros.terminal import table
 
 _HELP = ("-h", "--help")
 

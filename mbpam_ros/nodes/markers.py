@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from mbpam_ros.grasp.selection import Shape
+from mbpam_ros.geometry.solids import Shape
 from mbpam_ros.nodes.messages import point, pose
 
 BASE_FRAME = "gripper_base"

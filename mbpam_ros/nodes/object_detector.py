@@ -20,7 +20,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.markers import BASE_FRAME, colour, delete_all, solid_marker
 from mbpam_ros.nodes.parameters import Parameter
-from mbpam_ros.vision.camera import CameraError, Intrinsics, camera_pose, load_camera_config
+from mbpam_ros.vision.camera import CameraError, Intrinsics, camera_pose, distortion_of, load_camera_config
 from mbpam_ros.vision.detector import Detection, ImageError, ObjectDetector, load_detector_config
 from mbpam_ros.vision.overlay import draw_overlay
 
@@ -37,7 +37,6 @@ PARAMETERS = (
 )
 
 CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1}
-LENS_MODELS = ("", "plumb_bob", "rational_polynomial")
 SHAPE_RGB = (0.2, 0.8, 0.3)
 
 
@@ -81,13 +80,9 @@ class ObjectDetectorNode(GripperNode):
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         try:
-            if message.distortion_model not in LENS_MODELS:
-                raise CameraError(
-                    f"distortion_model {message.distortion_model!r} is none of {', '.join(LENS_MODELS[1:])}; "
-                    "publish rectified images with their CameraInfo"
-                )
+            distortion = distortion_of(message.distortion_model, message.d)
             self._intrinsics = Intrinsics.from_camera_info(message.width, message.height, message.k)
-            self._distortion = np.array(message.d)
+            self._distortion = distortion
             self._refusals.pop("camera_info", None)
         except CameraError as error:
             self._refuse("camera_info", error)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 import time
 from typing import TYPE_CHECKING
@@ -26,10 +25,11 @@ from mbpam_ros.nodes.markers import WORLD_FRAME, colour, finger_markers, solid_m
 from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, time_stamp, with_answer
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.plant_camera import PlantCamera
-from mbpam_ros.plant.planner import planned_scene
+from mbpam_ros.plant.fidelity import Fidelity
+from mbpam_ros.plant.planner import choose_fidelity
 from mbpam_ros.plant.plant import Observation, Plant, build_plant
 from mbpam_ros.plant.scene import Scene, load_scene
-from mbpam_ros.plant.tiers import PlantDivergedError, TierError
+from mbpam_ros.plant.tiers.base import PlantDivergedError, TierError
 from mbpam_ros.pneumatics.chamber import PneumaticsInputError
 from mbpam_ros.pneumatics.config import load_pneumatics
 
@@ -73,7 +73,7 @@ class PlantNode(GripperNode):
         super().__init__("plant", PARAMETERS, **node_options)
         self._gripper = load_gripper(self.text("gripper"))
         forward_logs(PLANT_LOGGER, self.get_logger())
-        self._scene = self._load_scene()
+        self._scene, self._fidelity = self._load_scene()
         self._plant = self._build_plant()
         self._dt_s = 1.0 / self.number("rate_hz")
         self._command_timeout_s = self.number("command_timeout_s")
@@ -112,7 +112,7 @@ class PlantNode(GripperNode):
             self._rate_since = (now_s, self._ticks)
         values = {
             "scene": self._scene.name,
-            "tier": self._scene.config.tier,
+            "tier": self._fidelity.tier,
             "time_s": f"{self._time_s():.3f}",
             "hand_lift_m": f"{self._plant.hand_lift_m:.4f}",
             "real_time_factor": f"{self._real_time_factor:.2f}",
@@ -122,25 +122,26 @@ class PlantNode(GripperNode):
             return Health(DiagnosticStatus.WARN, message, values)
         return Health(message="running", values=values)
 
-    def _load_scene(self) -> Scene:
-        scene = load_scene(self.text("scene"))
+    def _load_scene(self) -> tuple[Scene, Fidelity]:
+        scene, request = load_scene(self.text("scene"))
         if self.text("tier"):
-            scene = dataclasses.replace(scene, config=dataclasses.replace(scene.config, tier=self.text("tier")))
-        scene = planned_scene(scene, self._gripper.geometry.length_m, tick_s=1.0 / self.number("rate_hz"))
-        ratio = 1.0 / (self.number("rate_hz") * scene.config.planned_sub_step_s)
+            request = request.in_tier(self.text("tier"))
+        tick_s = 1.0 / self.number("rate_hz")
+        fidelity = choose_fidelity(scene, request, self._gripper.geometry.length_m, tick_s)
+        ratio = tick_s / fidelity.sub_step_s
         if abs(ratio - round(ratio)) > 1e-6 or ratio < 1.0:
             raise ConfigError(
                 f"plant: rate_hz = {self.value('rate_hz'):g} gives ticks that are not a whole multiple of the scene's "
-                f"sub-step of {scene.config.sub_step_s:g} s"
+                f"sub-step of {fidelity.sub_step_s:g} s"
             )
         if self.value("lock_step") and not self.value("publish_clock"):
             raise ConfigError("plant: lock_step needs publish_clock")
-        return scene
+        return scene, fidelity
 
     def _build_plant(self) -> Plant:
         pneumatics = load_pneumatics(self.text("pneumatics"))
         try:
-            return build_plant(self._scene, self._gripper, pneumatics, seed=self.whole("seed"))
+            return build_plant(self._scene, self._fidelity, self._gripper, pneumatics, seed=self.whole("seed"))
         except ConfigError:
             raise
         except (TierError, PneumaticsInputError) as error:

@@ -81,7 +81,7 @@ class PlantCamera:
     def _view(self, observation: Observation) -> SceneView:
         """The scene in ``gripper_base``; the support sinks when the hand is raised."""
         rise_m = observation.hand_lift_m
-        support = self._scene.config.support
+        support = self._scene.support
         half_size_m: tuple[float, float] | None = None
         floor_depth_m = SceneView.floor_depth_m
         if support is None:

@@ -1,35 +1,54 @@
-"""How a scene can be computed, and what that was measured to cost and to be off by (``data/fidelity_trade.json``)."""
+"""How a scene is computed, and what that was measured to cost and to be off by (``data/fidelity_trade.json``)."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.configuration import ConfigError, config_path, parse_config, require_positive
 
 TABLE = "data/fidelity_trade.json"
-"""The table that the planner reads and the command ``fidelity_trade`` writes."""
+"""The table that the planner reads and ``mbpam trade`` writes."""
 
 AUTO = "auto"
 """The tier of a scene file that leaves the choice to the planner."""
 
+ALL_FINGERS = tuple(range(1, FINGER_COUNT + 1))
+"""Numbers of the fingers."""
+
 
 @dataclass(frozen=True, order=True)
 class Fidelity:
-    """One way to compute a scene.
+    """One way to compute a scene. The first four are what the table's rows are told apart by.
 
     Args:
         tier: static, arc or rod.
         modes: modes of curvature a plane; 1 for static and arc.
-        step_s: sub-step. The tier ``static`` is exact at any.
-        pneumatics: model of valves and chambers.
+        sub_step_s: step of the computation. The tier ``static`` is exact at any.
+        pneumatics: model of valves and chambers; none for that of ``pneumatics.yaml``.
+        air_modes: modes while the object is out of reach (:mod:`~mbpam_ros.plant.tiers.adaptive`); none for always
+            ``modes``.
+        moving_fingers: numbers of those that are computed; the others hang straight, must not be filled, and touch
+            nothing.
+        contact: whether anything touches; false leaves the object where it starts, to be seen only, and costs nothing.
+        largest_jump_pct: what a tip may move by where the number of modes changes, of the active length.
     """
 
     tier: str
     modes: int
-    step_s: float
-    pneumatics: str
+    sub_step_s: float
+    pneumatics: str | None = None
+    air_modes: int | None = None
+    moving_fingers: tuple[int, ...] = ALL_FINGERS
+    contact: bool = True
+    largest_jump_pct: float = 5.0
+
+    def __post_init__(self) -> None:
+        require_positive(self, "sub_step_s", "largest_jump_pct")
+        _require_fingers(self.moving_fingers)
 
 
 @dataclass(frozen=True)
@@ -50,12 +69,54 @@ class Tolerance:
 
 
 @dataclass(frozen=True)
+class FidelityRequest:
+    """How a scene file or a user wants a scene computed; :func:`~mbpam_ros.plant.planner.choose_fidelity` makes it one.
+
+    Args:
+        tier: how the muscles are computed: static, arc or rod. With auto, what is none of the others is chosen to be
+            within the tolerance; with a tier and a step, none stands for what the others say here.
+        sub_step_s: step of the computation.
+        pneumatics: model of valves and chambers; none for that of ``pneumatics.yaml``.
+        modes: modes of curvature a plane, for the tier ``rod``; none for 2 in the air, 3 where there may be contact.
+        air_modes: those while the object is out of reach; none for always ``modes``.
+        moving_fingers, contact: as in :class:`Fidelity`; none for all, and for contact with what there is.
+        tolerance: what errors are allowed; none for the default.
+    """
+
+    tier: str = AUTO
+    sub_step_s: float | None = None
+    pneumatics: str | None = None
+    modes: int | None = None
+    air_modes: int | None = None
+    moving_fingers: tuple[int, ...] | None = None
+    contact: bool | None = None
+    tolerance: Tolerance | None = None
+
+    def __post_init__(self) -> None:
+        if self.sub_step_s is not None:
+            require_positive(self, "sub_step_s")
+        if self.moving_fingers is not None:
+            _require_fingers(self.moving_fingers)
+
+    def in_tier(self, tier: str) -> FidelityRequest:
+        """Return the request in another tier; numbers of modes are given up where that takes none."""
+        if tier in ("rod", AUTO):
+            return dataclasses.replace(self, tier=tier)
+        return dataclasses.replace(self, tier=tier, modes=None, air_modes=None)
+
+
+def _require_fingers(moving: tuple[int, ...]) -> None:
+    if not (moving and set(moving) <= set(ALL_FINGERS) and len(set(moving)) == len(moving)):
+        raise ValueError(f"moving_fingers must be some of {ALL_FINGERS}, each once, found {moving}")
+
+
+@dataclass(frozen=True)
 class Measured:
     """One row of the table: errors against the converged reference, and CPU time.
 
     Args:
         scene: the case that was run (:mod:`~mbpam_ros.study.fidelity.cases`).
-        tier, modes, step_s, pneumatics: as in :class:`Fidelity`.
+        tier, modes, step_s, pneumatics: as in :class:`Fidelity`; ``step_s`` is its ``sub_step_s``.
         static_error_pct: at rest, the largest distance of a tip (or of the object's centre) from the reference's, over
             the active length.
         transient_error_pct: the same while things move, the largest of all instants.

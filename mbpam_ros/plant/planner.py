@@ -15,14 +15,16 @@ from dataclasses import dataclass
 
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.plant.fidelity import (
+    ALL_FINGERS,
     AUTO,
     Fidelity,
+    FidelityRequest,
     FidelityTable,
     Measured,
     Tolerance,
     load_fidelity_table,
 )
-from mbpam_ros.plant.scene import ALL_FINGERS, Scene
+from mbpam_ros.plant.scene import Scene
 
 AIR_CASES = ("free_bend", "unequal_pressures", "fast_release")
 GRASP_CASES = {"sphere": ("sphere", "lift"), "cylinder": ("slender_rod",), "box": ("box",)}
@@ -30,24 +32,13 @@ REFERENCE_PNEUMATICS = "iso6358"
 SAME_COST = 1.1
 """Costs within this factor count as equal: medians of process times repeat no better."""
 
-_PARTS = ("pneumatics", "tier", "modes", "step_s")
+_PARTS = ("pneumatics", "tier", "modes", "sub_step_s")
+FREE_MODES, CONTACT_MODES = 2, 3
+"""Of a rod for which nothing else is decided, in the air and where there may be contact."""
 
 
 class PlanError(ConfigError):
     """Nothing that was measured fits what is asked for; the message says what does."""
-
-
-@dataclass(frozen=True)
-class Forced:
-    """What the user has decided; none leaves a part to the planner."""
-
-    tier: str | None = None
-    modes: int | None = None
-    step_s: float | None = None
-    pneumatics: str | None = None
-    contact: bool | None = None
-    camera: bool | None = None
-    moving_fingers: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -77,20 +68,16 @@ class Plan:
     """How a scene is to be computed.
 
     Args:
-        fidelity: pneumatics, tier, modes and step.
-        air_modes: modes while the object is out of reach (:mod:`~mbpam_ros.plant.stepping`); none for always the same.
+        fidelity: the way that was chosen.
         contact: whether anything can touch.
         camera: whether there is anything to see.
-        moving_fingers: numbers of the fingers that are computed.
         expected: errors and cost.
         reasons: for each part, by its name, in lines.
     """
 
     fidelity: Fidelity
-    air_modes: int | None
     contact: bool
     camera: bool
-    moving_fingers: tuple[int, ...]
     expected: Expected
     reasons: dict[str, tuple[str, ...]]
 
@@ -102,14 +89,14 @@ class Plan:
     def __str__(self) -> str:
         chosen = self.fidelity
         values = {
-            "pneumatics": chosen.pneumatics,
+            "pneumatics": str(chosen.pneumatics),
             "tier": chosen.tier,
             "modes": str(chosen.modes),
-            "air_modes": str(self.air_modes or chosen.modes),
-            "step_s": f"{1e3 * chosen.step_s:g} ms",
+            "air_modes": str(chosen.air_modes or chosen.modes),
+            "sub_step_s": f"{1e3 * chosen.sub_step_s:g} ms",
             "contact": "yes" if self.contact else "no",
             "camera": "yes" if self.camera else "no",
-            "moving_fingers": " ".join(map(str, self.moving_fingers)),
+            "moving_fingers": " ".join(map(str, chosen.moving_fingers)),
         }
         verdict = (
             "within the tolerance" if self.within_tolerance else "OUTSIDE the tolerance; nothing measured is nearer"
@@ -123,7 +110,7 @@ class Plan:
 
 def may_touch(scene: Scene, finger_length_m: float) -> bool:
     """Whether the fingers of that length may touch an object or a table."""
-    support = scene.config.support
+    support = scene.support
     return scene.object is not None or (support is not None and support.planes_m[-1, 0] < finger_length_m)
 
 
@@ -136,98 +123,98 @@ def cases_of(scene: Scene, contact: bool) -> tuple[str, ...]:
     return GRASP_CASES[scene.object.shape]
 
 
-def forced_by(scene: Scene) -> Forced:
-    """Return what a scene file decides itself: what it gives."""
-    config = scene.config
-    return Forced(
-        tier=None if config.tier == AUTO else config.tier,
-        modes=config.modes,
-        step_s=config.sub_step_s,
-        pneumatics=config.pneumatics,
-        contact=None if config.contact else False,
-        moving_fingers=config.moving_fingers,
-    )
+def choose_fidelity(
+    scene: Scene, request: FidelityRequest, finger_length_m: float, tick_s: float | None = None
+) -> Fidelity:
+    """Return how a scene is computed: as asked for where a tier and a step are, else as planned. The plan is logged.
+
+    Args:
+        scene: what is there.
+        request: how a scene file or a user wants it computed.
+        finger_length_m, tick_s: as in :func:`plan`.
+
+    Raises:
+        PlanError: nothing that was measured fits what is asked for.
+        ConfigError: the measured table cannot be read.
+    """
+    if request.tier == AUTO or request.sub_step_s is None:
+        made = plan(scene, finger_length_m, load_fidelity_table(), request, tick_s)
+        logging.getLogger(__name__).info("scene %s is computed so:\n%s", scene.name, made)
+        return made.fidelity
+    contact, modes = request.contact is not False, request.modes
+    if modes is None:
+        in_contact = contact and may_touch(scene, finger_length_m)
+        modes = 1 if request.tier != "rod" else CONTACT_MODES if in_contact else FREE_MODES
+    chosen = Fidelity(request.tier, modes, request.sub_step_s, request.pneumatics, request.air_modes)
+    return _with_what_is_not_measured(chosen, request)
 
 
 def plan(
     scene: Scene,
     finger_length_m: float,
     table: FidelityTable,
-    tolerance: Tolerance | None = None,
-    forced: Forced = Forced(),
+    request: FidelityRequest,
     tick_s: float | None = None,
+    camera: bool | None = None,
 ) -> Plan:
     """Return how to compute a scene.
 
     Args:
-        scene: what is there. What it says of how to compute it is not read: see :func:`forced_by`.
+        scene: what is there.
         finger_length_m: of the muscles, how far down they reach.
         table: measured errors and costs.
-        tolerance: what errors are allowed; none for the scene's, or else the default.
-        forced: what the user has decided. Pneumatics that are forced are taken for the real ones: what they differ from
-            ISO 6358 is then no error. A forced step that was not measured counts as the next longer one that was.
+        request: what errors are allowed, and what is decided already. Pneumatics that are decided are taken for the
+            real ones: what they differ from ISO 6358 is then no error. A step that was not measured counts as the next
+            longer one that was.
         tick_s: steps must go into it a whole number of times; none for any.
+        camera: whether to render images; none for where there is an object.
 
     Raises:
-        PlanError: nothing that was measured fits what is forced.
+        PlanError: nothing that was measured fits what is decided.
     """
-    allowed = tolerance or scene.config.tolerance or Tolerance()
-    touch = may_touch(scene, finger_length_m) if forced.contact is None else forced.contact
+    allowed = request.tolerance or Tolerance()
+    touch = may_touch(scene, finger_length_m) if request.contact is None else request.contact
     cases = cases_of(scene, touch)
-    candidates = _candidates(table, cases, allowed, forced, tick_s)
+    candidates = _candidates(table, cases, allowed, request, tick_s)
     best = _best(candidates)
-    chosen = best if forced.step_s is None else dataclasses.replace(best, step_s=forced.step_s)
     seen = scene.object is not None
-    reasons = {part: _reason(part, best, candidates, getattr(forced, part)) for part in _PARTS}
-    air_modes = _air_modes(chosen, table, allowed) if touch and seen else None
-    reasons["air_modes"] = ("enough while the object is out of reach" if air_modes else "the same throughout",)
-    within = "forced" if forced.contact is not None else None if touch else "nothing is within reach"
+    chosen = best if request.sub_step_s is None else dataclasses.replace(best, sub_step_s=request.sub_step_s)
+    if touch and seen and chosen.tier == "rod":
+        air_modes = request.air_modes or _air_modes(chosen, table, allowed)
+        chosen = dataclasses.replace(chosen, air_modes=air_modes)
+    reasons = {part: _reason(part, best, candidates, _decided(request, part)) for part in _PARTS}
+    reasons["air_modes"] = ("enough while the object is out of reach" if chosen.air_modes else "the same throughout",)
+    within = "forced" if request.contact is not None else None if touch else "nothing is within reach"
     reasons["contact"] = (within or f"measured on {', '.join(cases)}",)
-    reasons["camera"] = ("forced" if forced.camera is not None else f"{'an' if seen else 'no'} object to see",)
-    reasons["moving_fingers"] = ("forced" if forced.moving_fingers else "any of their chambers may be filled",)
+    reasons["camera"] = ("forced" if camera is not None else f"{'an' if seen else 'no'} object to see",)
+    reasons["moving_fingers"] = ("forced" if request.moving_fingers else "any of their chambers may be filled",)
     return Plan(
-        fidelity=chosen,
-        air_modes=air_modes,
+        fidelity=_with_what_is_not_measured(chosen, request),
         contact=touch,
-        camera=seen if forced.camera is None else forced.camera,
-        moving_fingers=forced.moving_fingers or ALL_FINGERS,
+        camera=seen if camera is None else camera,
         expected=candidates[best],
         reasons=reasons,
     )
 
 
-def planned_scene(scene: Scene, finger_length_m: float, tick_s: float | None = None) -> Scene:
-    """Return the scene with everything decided: as it is, or, with the tier ``auto``, as planned. The plan is logged.
-
-    Raises:
-        PlanError: nothing that was measured fits what the scene forces.
-        ConfigError: the measured table cannot be read.
-    """
-    if scene.config.tier != AUTO:
-        return scene
-    made = plan(scene, finger_length_m, load_fidelity_table(), forced=forced_by(scene), tick_s=tick_s)
-    logging.getLogger(__name__).info("scene %s is computed so:\n%s", scene.name, made)
-    decided = at_fidelity(scene, made.fidelity)
-    return dataclasses.replace(decided, config=dataclasses.replace(decided.config, air_modes=made.air_modes))
-
-
-def at_fidelity(scene: Scene, fidelity: Fidelity) -> Scene:
-    """Return the scene, to be computed so."""
-    config = dataclasses.replace(
-        scene.config,
-        tier=fidelity.tier,
-        modes=fidelity.modes if fidelity.tier == "rod" else None,
-        sub_step_s=fidelity.step_s,
-        pneumatics=fidelity.pneumatics,
+def _with_what_is_not_measured(chosen: Fidelity, request: FidelityRequest) -> Fidelity:
+    return dataclasses.replace(
+        chosen,
+        moving_fingers=request.moving_fingers or ALL_FINGERS,
+        contact=request.contact is not False,
+        largest_jump_pct=(request.tolerance or Tolerance()).static_pct,
     )
-    return dataclasses.replace(scene, config=config)
+
+
+def _decided(request: FidelityRequest, part: str) -> object:
+    """Return what a request says of a part; none where it leaves it open."""
+    value: object = getattr(request, part)
+    return None if value == AUTO else value
 
 
 def _air_modes(chosen: Fidelity, table: FidelityTable, allowed: Tolerance) -> int | None:
     """Return fewer modes that do while an object is out of reach; none if they would not cost less."""
-    if chosen.tier != "rod":
-        return None
-    same = Forced(step_s=chosen.step_s, pneumatics=chosen.pneumatics)
+    same = FidelityRequest(sub_step_s=chosen.sub_step_s, pneumatics=chosen.pneumatics)
     try:
         found = _candidates(table, AIR_CASES, allowed, same, None)
     except PlanError:  # not measured in the air
@@ -238,14 +225,15 @@ def _air_modes(chosen: Fidelity, table: FidelityTable, allowed: Tolerance) -> in
 
 
 def _candidates(
-    table: FidelityTable, cases: tuple[str, ...], allowed: Tolerance, forced: Forced, tick_s: float | None
+    table: FidelityTable, cases: tuple[str, ...], allowed: Tolerance, request: FidelityRequest, tick_s: float | None
 ) -> dict[Fidelity, Expected]:
     """Return what is expected of every fidelity that was measured in all cases and fits what is forced."""
     measured = {(row.scene, row.fidelity): row for row in table.rows}
     everywhere = {row.fidelity for row in table.rows if all((case, row.fidelity) in measured for case in cases)}
-    fitting = _fitting(everywhere, forced, tick_s)
+    fitting = _fitting(everywhere, request, tick_s)
     if not fitting:
-        given = [f"{part} {_short(getattr(forced, part))}" for part in _PARTS if getattr(forced, part) is not None]
+        decided = {part: _decided(request, part) for part in _PARTS}
+        given = [f"{part} {_short(value)}" for part, value in decided.items() if value is not None]
         given += [] if tick_s is None else [f"a tick of {tick_s:g} s"]
         there = "; ".join(f"{part} {', '.join(map(_short, _values(everywhere, part)))}" for part in _PARTS)
         raise PlanError(
@@ -254,26 +242,28 @@ def _candidates(
     found = {}
     for each in sorted(fitting):
         costing = [measured[case, each] for case in cases]
-        pneumatics = each.pneumatics if forced.pneumatics is None else REFERENCE_PNEUMATICS
+        pneumatics = each.pneumatics if request.pneumatics is None else REFERENCE_PNEUMATICS
         judging = [row for row in table.rows if row.scene in cases and _no_longer_step(row, each, pneumatics)]
         found[each] = _expected(judging or costing, costing, table, allowed)
     return found
 
 
-def _no_longer_step(row: Measured, fidelity: Fidelity, pneumatics: str) -> bool:
+def _no_longer_step(row: Measured, fidelity: Fidelity, pneumatics: str | None) -> bool:
     """Whether a row differs from a fidelity in no more than a shorter step: a longer one is nearer by luck only."""
     same = (row.tier, row.modes, row.pneumatics) == (fidelity.tier, fidelity.modes, pneumatics)
-    return same and row.step_s <= fidelity.step_s
+    return same and row.step_s <= fidelity.sub_step_s
 
 
-def _fitting(everywhere: Iterable[Fidelity], forced: Forced, tick_s: float | None) -> list[Fidelity]:
-    step_s = forced.step_s and min((each.step_s for each in everywhere if each.step_s >= forced.step_s), default=-1.0)
-    wanted = {"tier": forced.tier, "modes": forced.modes, "step_s": step_s, "pneumatics": forced.pneumatics}
+def _fitting(everywhere: Iterable[Fidelity], request: FidelityRequest, tick_s: float | None) -> list[Fidelity]:
+    wanted = {part: _decided(request, part) for part in _PARTS}
+    if request.sub_step_s is not None:
+        longer = (each.sub_step_s for each in everywhere if each.sub_step_s >= request.sub_step_s)
+        wanted["sub_step_s"] = min(longer, default=-1.0)
     return [
         each
         for each in everywhere
         if all(value is None or getattr(each, part) == value for part, value in wanted.items())
-        and (forced.step_s is not None or _goes_into(each.step_s, tick_s))
+        and (request.sub_step_s is not None or _goes_into(each.sub_step_s, tick_s))
     ]
 
 
@@ -317,9 +307,9 @@ def _best(candidates: dict[Fidelity, Expected]) -> Fidelity:
     return min(candidates, key=lambda each: candidates[each].excess)
 
 
-def _reason(part: str, chosen: Fidelity, candidates: dict[Fidelity, Expected], forced: object) -> tuple[str, ...]:
+def _reason(part: str, chosen: Fidelity, candidates: dict[Fidelity, Expected], decided: object) -> tuple[str, ...]:
     """Say what else there was for one part, the others being free, and what the best of it would give."""
-    if forced is not None:
+    if decided is not None:
         return ("forced",)
     others = [value for value in _values(candidates, part) if value != getattr(chosen, part)]
     if not others:

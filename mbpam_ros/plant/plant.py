@@ -13,34 +13,28 @@ from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FINGER_COUNT
 from mbpam_ros.actuator.rod_law import RodLaw
 from mbpam_ros.answer import Answer
-from mbpam_ros.configuration import ConfigError, load_config
+from mbpam_ros.configuration import load_config
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.gripper import Gripper
-from mbpam_ros.plant.clearance import finger_clearance_m
-from mbpam_ros.plant.fidelity import Tolerance
+from mbpam_ros.plant.fidelity import Fidelity, FidelityRequest
 from mbpam_ros.plant.lift import HandLift
-from mbpam_ros.plant.planner import planned_scene
+from mbpam_ros.plant.placement import placed
+from mbpam_ros.plant.planner import choose_fidelity
 from mbpam_ros.plant.scene import Scene
-from mbpam_ros.plant.solids import half_height
-from mbpam_ros.plant.tiers import (
+from mbpam_ros.plant.tiers.base import (
     Actuation,
     BodyState,
     PlantConfig,
     PlantDivergedError,
-    RigidBody,
     Tier,
-    TierSetup,
-    build_tier,
 )
+from mbpam_ros.plant.tiers.registry import build_tier
 from mbpam_ros.pneumatics.chamber import PneumaticModel
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
 from mbpam_ros.pneumatics.registry import build_pneumatics
 from mbpam_ros.pneumatics.transducer import Transducer
 
 Array = NDArray[np.float64]
-
-REST_TOLERANCE_M = 0.002
-"""How deep in a support anything may start."""
 
 
 class StepSizeError(MbpamError, ValueError):
@@ -55,7 +49,8 @@ class Observation:
         time_s: simulated time since reset.
         pressure_gauge_pa: true chamber pressures, shape (16,).
         transducer_v: their transducers' volts, shape (16,), with noise and quantisation.
-        bend_rad, bend_rate_rad_s: of the muscles' tips, as in :class:`~mbpam_ros.plant.tiers.TierState`, shape (4, 2).
+        bend_rad, bend_rate_rad_s: of the muscles' tips, as in :class:`~mbpam_ros.plant.tiers.base.TierState`,
+            shape (4, 2).
         centreline_m: points of the fingers' centre lines in ``gripper_base``, clamp to tip, shape (4, n, 3).
         hand_lift_m: rise of the hand.
         object_in_world: pose and velocity of the object, world frame; none without an object.
@@ -80,6 +75,7 @@ class Observation:
 
 def build_plant(
     scene: Scene,
+    fidelity: Fidelity | FidelityRequest,
     gripper: Gripper,
     pneumatics: PneumaticsConfig | None = None,
     config: PlantConfig | None = None,
@@ -88,7 +84,8 @@ def build_plant(
     """Return the plant of a scene, reset.
 
     Args:
-        scene: what is there; with the tier ``auto`` it is computed as planned (:mod:`~mbpam_ros.plant.planner`).
+        scene: what is there.
+        fidelity: how it is computed; what is asked for is first made one (:mod:`~mbpam_ros.plant.planner`).
         gripper: the muscles and where they stand.
         pneumatics: supply, valves, transducers; by default ``pneumatics.yaml``.
         config: constants of muscles and contacts; by default ``plant.yaml``.
@@ -102,15 +99,15 @@ def build_plant(
     """
     pneumatics = load_pneumatics() if pneumatics is None else pneumatics
     config = load_config(PlantConfig, "plant.yaml") if config is None else config
-    scene = planned_scene(scene, gripper.geometry.length_m)
-    setup = _tier_setup(scene, gripper, config)
+    if isinstance(fidelity, FidelityRequest):
+        fidelity = choose_fidelity(scene, fidelity, gripper.geometry.length_m)
     return Plant(
-        tier=build_tier(scene.config.tier, setup),
+        tier=build_tier(placed(scene, gripper, config, fidelity.contact), fidelity),
         law=calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target),
-        chambers=build_pneumatics(scene.config.pneumatics or pneumatics.model, pneumatics.chamber),
+        chambers=build_pneumatics(fidelity.pneumatics or pneumatics.model, pneumatics.chamber),
         pneumatics=pneumatics,
-        lift=HandLift(scene.config.lift),
-        sub_step_s=scene.config.planned_sub_step_s,
+        lift=HandLift(scene.lift),
+        sub_step_s=fidelity.sub_step_s,
         seed=seed,
     )
 
@@ -138,10 +135,9 @@ class Plant:
         self._sub_steps = 0
         self._failure: str | None = None
         self._lift.reset()
-        self._tier.reset()
         self._chambers.reset()
         self._pressure = self._chambers.pressure_gauge_pa
-        self._actuation = self._actuate(self._pressure)
+        self._tier.reset(self._actuation(self._pressure))
         self._transducer = Transducer(self._pneumatics.transducer, CHANNEL_COUNT, self._seed)
         self._volts = self._transducer.measure(self._pressure)
 
@@ -176,15 +172,14 @@ class Plant:
         count = self._count_sub_steps(dt_s)
         bend = {"bend_rad": self._tier.state().bend_rad} if self._chambers.has_volume else {}
         pressure = self._chambers.step(spool, dt_s, **bend)
-        actuation = self._actuate(pressure)
         ends_s = (self._sub_steps + np.arange(count + 1)) * self.sub_step_s
         try:
-            self._tier.step(self._actuation, actuation, *self._lift.motion(ends_s))
+            self._tier.step(self._actuation(pressure), *self._lift.motion(ends_s))
         except PlantDivergedError as error:
             self._failure = f"diverged at {self.time_s:.3f} s: {error}"
             raise PlantDivergedError(self._failure) from error
         self._sub_steps += count
-        self._pressure, self._actuation = pressure, actuation
+        self._pressure = pressure
         self._volts = self._transducer.measure(pressure)
 
     def lift(self) -> Answer:
@@ -230,74 +225,5 @@ class Plant:
             )
         return count
 
-    def _actuate(self, pressure_gauge_pa: Array) -> Actuation:
+    def _actuation(self, pressure_gauge_pa: Array) -> Actuation:
         return Actuation(*self._law.moment_and_stiffness(pressure_gauge_pa.reshape(FINGER_COUNT, CHAMBERS_PER_FINGER)))
-
-
-def _tier_setup(scene: Scene, gripper: Gripper, config: PlantConfig) -> TierSetup:
-    overrides = {
-        name: value
-        for name, value in (
-            ("friction_coefficient", scene.config.friction_coefficient),
-            ("stiffness_n_m", scene.config.contact_stiffness_n_m),
-        )
-        if value is not None
-    }
-    config = dataclasses.replace(config, finger_object=dataclasses.replace(config.finger_object, **overrides))
-    support = scene.config.support
-    planes = np.empty((0, 3)) if support is None else support.planes_m
-    if len(planes) and planes[-1, 0] < gripper.geometry.length_m - REST_TOLERANCE_M:
-        raise ConfigError(
-            f"scene {scene.name}: the table is {planes[-1, 0]:g} m under the palm, the hanging muscles reach "
-            f"{gripper.geometry.length_m:g} m; use a deeper table, or a slim stand on one (half_size_m, stand_height_m)"
-        )
-    body = _body(scene)
-    if body is not None and scene.config.contact:
-        _refuse_inside_a_finger(scene, body, gripper)
-    tolerance = scene.config.tolerance or Tolerance()
-    return TierSetup(
-        geometry=gripper.geometry,
-        finger_base_m=gripper.finger_base_m,
-        gravity_m_s2=scene.config.gravity_m_s2,
-        sub_step_s=scene.config.planned_sub_step_s,
-        body=body,
-        planes_m=planes,
-        config=config,
-        modes=scene.config.modes,
-        fingers_touch=scene.config.fingers_touch,
-        air_modes=scene.config.air_modes,
-        moving_fingers=scene.config.moving_fingers,
-        contact=scene.config.contact,
-        largest_jump_m=1e-2 * tolerance.static_pct * gripper.geometry.active_length_m,
-    )
-
-
-def _body(scene: Scene) -> RigidBody | None:
-    spec, support = scene.object, scene.config.support
-    if spec is None:
-        return None
-    position, orientation = np.array(scene.config.object_position_m), scene.object_orientation_xyzw
-    reach = half_height(spec.shape, spec.size_m, orientation)
-    if position[2] < reach - REST_TOLERANCE_M:
-        raise ConfigError(
-            f"scene {scene.name}: the object starts {1e3 * (reach - position[2]):.1f} mm inside the palm; "
-            f"set the third of object_position_m to {reach:.4f} or more"
-        )
-    if support is not None:
-        inside = position[2] + reach - support.depth_m
-        if inside > REST_TOLERANCE_M:
-            raise ConfigError(
-                f"scene {scene.name}: the object starts {1e3 * inside:.1f} mm inside its support; "
-                f"set support.depth_m to {support.depth_m + inside:.4f}"
-            )
-    return RigidBody(spec.shape, spec.size_m, spec.mass_kg, position, orientation)
-
-
-def _refuse_inside_a_finger(scene: Scene, body: RigidBody, gripper: Gripper) -> None:
-    clearance = finger_clearance_m(body, gripper.geometry, gripper.finger_base_m)
-    finger = int(np.argmin(clearance))
-    if clearance[finger] < -REST_TOLERANCE_M:
-        raise ConfigError(
-            f"scene {scene.name}: the object starts {-1e3 * clearance[finger]:.1f} mm inside finger {finger + 1} as it "
-            "hangs; move object_position_m away from it, turn the object (object_yaw_rad), or use a smaller one"
-        )

@@ -1,25 +1,32 @@
-"""What is in a scene: the object, what it rests on, gravity, the lift, and how it shall be computed."""
+"""What is in a scene: the object, what it rests on, gravity, the lift. Scene files also say how to compute it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.actuator.chambers import FINGER_COUNT
-from mbpam_ros.configuration import ConfigError, config_directory, load_config, require_positive
-from mbpam_ros.plant.fidelity import AUTO, Tolerance
+from mbpam_ros.configuration import (
+    ConfigError,
+    config_directory,
+    load_yaml,
+    parse_config,
+    parse_together,
+    require_positive,
+)
+from mbpam_ros.geometry.rotations import about_z, product
+from mbpam_ros.geometry.solids import Shape
+from mbpam_ros.plant.fidelity import AUTO, FidelityRequest
 from mbpam_ros.plant.lift import LiftConfig
 
 PAPER_SCENES = ("tomato", "bulb", "banana", "tube", "carton")
 """Scenes of the paper's figure 10, in its order."""
 
-ALL_FINGERS = tuple(range(1, FINGER_COUNT + 1))
-"""Numbers of the fingers."""
+_Z_LAID_ALONG_Y = (-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
+"""Quarter turn about -x."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +34,7 @@ class ObjectSpec:
     """A kind of object.
 
     Args:
+        name: in ``objects.yaml``.
         shape: sphere, cylinder (axis along body z) or box.
         size_m: diameters; diameter, diameter, length; or full extents.
         mass_kg: of the homogeneous solid.
@@ -35,7 +43,8 @@ class ObjectSpec:
         expected_mode: the grasp mode the paper used, for reports only.
     """
 
-    shape: Literal["sphere", "cylinder", "box"]
+    name: str
+    shape: Shape
     size_m: tuple[float, float, float]
     mass_kg: float
     colour_rgb: tuple[float, float, float]
@@ -49,13 +58,6 @@ class ObjectSpec:
             raise ValueError(f"size_m = {self.size_m} is not round as a {self.shape} must be")
         if not all(0.0 <= value <= 1.0 for value in self.colour_rgb):
             raise ValueError(f"colour_rgb must lie in 0 to 1, found {self.colour_rgb}")
-
-
-@dataclass(frozen=True)
-class ObjectCatalogue:
-    """The objects a scene may name."""
-
-    objects: dict[str, ObjectSpec]
 
 
 @dataclass(frozen=True)
@@ -89,59 +91,34 @@ class SupportConfig:
 
 
 @dataclass(frozen=True)
-class SceneConfig:
-    """A scene file. World frame: ``gripper_base`` at the start, z down.
+class Scene:
+    """What is there. World frame: ``gripper_base`` at the start, z down.
 
     Args:
-        object: name in ``objects.yaml``; none for an empty scene.
+        name: of the scene, for messages and reports.
+        object: what is there to grasp; none for an empty scene. A file names one of ``objects.yaml``.
         object_position_m: centre of the object at the start; given with ``object``.
         object_yaw_rad: turn about z; 0 lays a rod along y.
-        tier: how the muscles are computed: static, arc or rod; auto leaves it, and what is none of ``sub_step_s``,
-            ``pneumatics`` and ``modes``, to the planner (:mod:`~mbpam_ros.plant.planner`).
-        sub_step_s: step of the computation; none only with the tier auto.
-        pneumatics: model of valves and chambers; none for that of ``pneumatics.yaml``.
         gravity_m_s2: acceleration along +z.
         support: what the object rests on.
         lift: travel of the hand.
         friction_coefficient: of fingers on the object; none for that of ``plant.yaml``.
         contact_stiffness_n_m: of fingers on the object; none for that of ``plant.yaml``.
-        modes: modes of curvature a plane, for the tier ``rod``; none for 2 in the air, 3 where there may be contact.
         fingers_touch: whether fingers touch each other (tiers arc and rod); otherwise they pass through each other.
-        air_modes: those while the object is out of reach; none for always ``modes``.
-        tolerance: what the planner aims at; none for its default.
-        moving_fingers: numbers of those that are computed; the others hang straight, must not be filled, and touch
-            nothing. None for all.
-        contact: whether anything touches; false leaves the object where it starts, to be seen only, and costs nothing.
     """
 
-    object: str | None
+    name: str
+    object: ObjectSpec | None
     object_position_m: tuple[float, float, float] | None
     object_yaw_rad: float
-    tier: str
-    sub_step_s: float | None
-    pneumatics: str | None
     gravity_m_s2: float
     support: SupportConfig | None
     lift: LiftConfig
     friction_coefficient: float | None = None
     contact_stiffness_n_m: float | None = None
-    modes: int | None = None
     fingers_touch: bool = True
-    air_modes: int | None = None
-    tolerance: Tolerance | None = None
-    moving_fingers: tuple[int, ...] | None = None
-    contact: bool = True
 
     def __post_init__(self) -> None:
-        if self.sub_step_s is not None:
-            require_positive(self, "sub_step_s")
-        elif self.tier != AUTO:
-            raise ValueError(f"sub_step_s must be given with tier {self.tier}; only tier auto chooses one")
-        fingers = self.moving_fingers
-        if fingers is not None and not (
-            fingers and set(fingers) <= set(ALL_FINGERS) and len(set(fingers)) == len(fingers)
-        ):
-            raise ValueError(f"moving_fingers must be some of {ALL_FINGERS}, each once, found {fingers}")
         if (self.object is None) != (self.object_position_m is None):
             raise ValueError("object and object_position_m must both be given or both be null")
         if self.friction_coefficient is not None and self.friction_coefficient < 0.0:
@@ -150,34 +127,12 @@ class SceneConfig:
             require_positive(self, "contact_stiffness_n_m")
 
     @property
-    def planned_sub_step_s(self) -> float:
-        """The step of the computation, once there is one.
-
-        Raises:
-            ConfigError: nobody has planned this scene yet.
-        """
-        if self.sub_step_s is None:
-            raise ConfigError(f"tier {self.tier} has not been planned: sub_step_s is not known")
-        return self.sub_step_s
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A scene file together with the object it names."""
-
-    name: str
-    config: SceneConfig
-    object: ObjectSpec | None
-
-    @property
     def object_orientation_xyzw(self) -> NDArray[np.float64]:
         """Orientation of the object at the start, (4,): a cylinder lies along y turned by the yaw."""
-        half = 0.5 * self.config.object_yaw_rad
-        yaw_z, yaw_w = math.sin(half), math.cos(half)
+        yaw = about_z(self.object_yaw_rad)
         if self.object is None or self.object.shape != "cylinder":
-            return np.array([0.0, 0.0, yaw_z, yaw_w])
-        tilt = -math.sqrt(0.5)  # quarter turn about -x lays body z along y
-        return np.array([yaw_w * tilt, yaw_z * tilt, -yaw_z * tilt, -yaw_w * tilt])
+            return np.array(yaw)
+        return np.array(product(yaw, _Z_LAID_ALONG_Y))
 
 
 def scene_names() -> tuple[str, ...]:
@@ -191,31 +146,38 @@ def load_objects(name: str | Path = "objects.yaml") -> dict[str, ObjectSpec]:
     Raises:
         ConfigError: wrong keys or values.
     """
-    return load_config(ObjectCatalogue, name).objects
+    content = load_yaml(name)
+    objects = content.get("objects")
+    if list(content) != ["objects"] or not isinstance(objects, dict):
+        raise ConfigError(f"{name}: expected one key, objects, with a mapping; found {', '.join(map(str, content))}")
+    return {
+        str(key): parse_config(ObjectSpec, value, f"{name}: objects: {key}", name=str(key))
+        for key, value in objects.items()
+    }
 
 
-def load_scene(name: str | Path) -> Scene:
-    """Read a scene: a name of the configuration directory (``bulb``) or a file.
+def load_scene(name: str | Path) -> tuple[Scene, FidelityRequest]:
+    """Read a scene, by name (``bulb``) or from a file: what is there, and how it shall be computed.
 
     Raises:
         ConfigError: no such scene, wrong keys or values, or an object that ``objects.yaml`` does not have.
     """
-    file = Path(name)
+    file, stem = Path(name), Path(name).stem
     if file.suffix != ".yaml":
         if str(name) not in scene_names():
             raise ConfigError(f"no scene {str(name)!r}; known: {', '.join(scene_names())}; or give a .yaml file")
         file = Path("scenes") / f"{name}.yaml"
-    return resolve_scene(Path(name).stem, load_config(SceneConfig, file), load_objects())
+    content = load_yaml(file)
+    if content.get("object") is not None:
+        content["object"] = _object(str(content["object"]), stem)
+    scene, request = parse_together((Scene, FidelityRequest), content, str(file), name=stem)
+    if request.tier != AUTO and request.sub_step_s is None:
+        raise ConfigError(f"{file}: sub_step_s must be given with tier {request.tier}; only tier auto chooses one")
+    return scene, request
 
 
-def resolve_scene(name: str, config: SceneConfig, objects: dict[str, ObjectSpec]) -> Scene:
-    """Put a scene and the object it names together.
-
-    Raises:
-        ConfigError: the object is not among ``objects``.
-    """
-    if config.object is None:
-        return Scene(name, config, None)
-    if config.object not in objects:
-        raise ConfigError(f"scene {name}: no object {config.object!r}; known: {', '.join(sorted(objects))}")
-    return Scene(name, config, objects[config.object])
+def _object(name: str, scene_name: str) -> ObjectSpec:
+    objects = load_objects()
+    if name not in objects:
+        raise ConfigError(f"scene {scene_name}: no object {name!r}; known: {', '.join(sorted(objects))}")
+    return objects[name]

@@ -11,16 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.errors import MbpamError
+from mbpam_ros.study.pictures import new_figure, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
-
-
-class ReportError(MbpamError, RuntimeError):
-    """The picture cannot be drawn."""
 
 
 @dataclass
@@ -61,26 +56,13 @@ INFLATED_PA = 2000.0
 VIEW_HALF_WIDTH_MM = 130.0
 
 
-def figure_class() -> type[Figure]:
-    """Return matplotlib's figure.
-
-    Raises:
-        ReportError: matplotlib is not installed.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ReportError("the picture report needs matplotlib: pip install 'mbpam_ros[report]'") from error
-    return Figure
-
-
 def draw_report(record: GraspRecord, path: Path) -> None:
     """Write the picture report of one grasp as a PNG.
 
     Raises:
-        ReportError: matplotlib is not installed.
+        PictureError: matplotlib is not installed, or the file cannot be written.
     """
-    figure = figure_class()(figsize=(14.0, 9.0), layout="constrained")
+    figure = new_figure(14.0, 9.0)
     figure.suptitle(record.title, fontsize=14, fontweight="bold")
     (above,), (below,) = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.25, 1.0))
     overlay, front, side = above.subplots(1, 3, width_ratios=(1.5, 1.0, 1.0))
@@ -95,8 +77,7 @@ def draw_report(record: GraspRecord, path: Path) -> None:
         _mark_events(axis, record)
         axis.set_xlabel("time [s]")
         axis.grid(alpha=0.3)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path)
 
 
 def _draw_overlay(axis: Axes, record: GraspRecord) -> None:

@@ -28,9 +28,21 @@ def write_text(path: Path, text: str) -> None:
         ResultFileError: the folder cannot be written.
     """
     beside = path.with_name(path.name + ".part")
+    make_folder_of(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         beside.write_text(text, encoding="utf-8")
         beside.replace(path)
+    except OSError as error:
+        raise ResultFileError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def make_folder_of(path: Path) -> None:
+    """Make the folder that a file goes into, before what it is to hold is worked out.
+
+    Raises:
+        ResultFileError: it cannot be made.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ResultFileError(f"cannot write {path}: {error.strerror or error}") from error

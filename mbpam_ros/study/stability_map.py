@@ -1,37 +1,26 @@
-"""Command ``stability_map``: where the plant's steps are stable, over step size, contact stiffness and tier.
-
-    stability_map                     steps from 0.01 ms to 1 s, stiffnesses from 100 N/m to 1e8 N/m; two minutes
-    stability_map --quick             a coarse map, in seconds
-    stability_map --json FILE         the map as a list of cells
+"""Where the plant's steps are stable, over step size, contact stiffness and tier.
 
 In each cell the four muscles close on a sphere (60 mm, 46 g) that stands between them: the air rises to 80 kPa in 0.3 s
 and stays for 0.5 s (free 2 s), or five steps where that is longer. The stiffness is that of muscles on the object and
-on each other; the column ``free`` has no object, and fingers that pass through each other. What is printed:
-
-    3.1     at rest; what is left of the forces on the object is 3.1 % of its weight
-    moving  finite, but not at rest when the time is over
-    stop N  a typed error, which says what to change; N is its line below the map
-
-A number that is not finite, or an error of another kind, is a fault of the plant: the command then fails.
+on each other; the column ``free`` has no object, and fingers that pass through each other.
 """
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.chambers import pressurised_chambers
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
-from mbpam_ros.configuration import ConfigError, load_config
+from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import Gripper, load_gripper
-from mbpam_ros.plant.tiers import (
+from mbpam_ros.plant.fidelity import Fidelity
+from mbpam_ros.plant.planner import CONTACT_MODES, FREE_MODES
+from mbpam_ros.plant.tiers.base import (
     Actuation,
     PlantConfig,
     PlantDivergedError,
@@ -40,11 +29,8 @@ from mbpam_ros.plant.tiers import (
     TierError,
     TierSetup,
     TierState,
-    build_tier,
 )
-from mbpam_ros.study.announcement import announce
-from mbpam_ros.study.progress_bar import ProgressBar
-from mbpam_ros.study.result_file import ResultFileError, write_json
+from mbpam_ros.plant.tiers.registry import build_tier
 
 TIERS = ("static", "arc", "rod")
 STEPS_S = (1e-5, 1e-4, 1e-3, 2e-3, 5e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
@@ -57,8 +43,8 @@ CLOSING_S, HOLDING_S, FREE_HOLDING_S, FEWEST_STEPS = 0.3, 0.5, 2.0, 5
 AT_REST_M_S = 1e-3
 """Speed of the object, and of the free tips, below which a cell is at rest."""
 
-_S_PER_CELL = 0.6
-"""Of the whole map, whose shortest steps cost most."""
+S_PER_CELL = 0.6
+"""CPU of a cell of the whole map, whose shortest steps cost most."""
 
 _SIZE_M, _MASS_KG, _DEPTH_M = 0.060, 0.046, 0.085
 _STAND_M = np.array([[_DEPTH_M + 0.5 * _SIZE_M, 0.01, 0.01], [0.315, np.inf, np.inf]])
@@ -95,8 +81,9 @@ def run_cell(tier: str, step_s: float, stiffness_n_m: float | None, gripper: Gri
         )
     state: TierState | None = None
     outcome, message = "", ""
+    modes = 1 if tier != "rod" else FREE_MODES if stiffness_n_m is None else CONTACT_MODES
     try:
-        muscles = build_tier(tier, _setup(step_s, stiffness_n_m is not None, gripper, config))
+        muscles = build_tier(_setup(stiffness_n_m is not None, gripper, config), Fidelity(tier, modes, step_s))
         _close(muscles, step_s, FREE_HOLDING_S if stiffness_n_m is None else HOLDING_S, gripper)
         state = muscles.state()
     except (PlantDivergedError, TierError) as error:
@@ -109,17 +96,23 @@ def run_cell(tier: str, step_s: float, stiffness_n_m: float | None, gripper: Gri
     return Cell(tier, step_s, stiffness_n_m, outcome, error_pct, message)
 
 
-def stability_map(steps_s: Sequence[float], stiffnesses_n_m: Sequence[float]) -> Iterator[Cell]:
-    """Yield the cells of all tiers, row by row; the tier ``static`` has the column ``free`` only.
+def cell_jobs(
+    steps_s: Sequence[float], stiffnesses_n_m: Sequence[float]
+) -> dict[str, tuple[str, float, float | None, Gripper, PlantConfig]]:
+    """Return what :func:`run_cell` is given for the cells of all tiers by name, row by row.
+
+    The tier ``static`` has the column ``free`` only.
 
     Raises:
         ConfigError: the gripper's or the plant's file is wrong.
     """
     gripper, config = load_gripper(), load_config(PlantConfig, "plant.yaml")
-    for tier in TIERS:
-        for step_s in steps_s:
-            for stiffness in (None, *(() if tier == "static" else stiffnesses_n_m)):
-                yield run_cell(tier, step_s, stiffness, gripper, config)
+    return {
+        f"tier {tier}, {1e3 * step_s:g} ms, {_column(stiffness)} N/m": (tier, step_s, stiffness, gripper, config)
+        for tier in TIERS
+        for step_s in steps_s
+        for stiffness in (None, *(() if tier == "static" else stiffnesses_n_m))
+    }
 
 
 def map_text(cells: Sequence[Cell]) -> str:
@@ -138,40 +131,12 @@ def map_text(cells: Sequence[Cell]) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status."""
-    options = _parser().parse_args(arguments)
-    steps, stiffnesses = (
-        (QUICK_STEPS_S, QUICK_STIFFNESSES_N_M) if options.quick else (STEPS_S, STIFFNESSES_N_M)
-    )  # fmt: skip
-    try:
-        rows = len(steps) * (1 + 2 * (1 + len(stiffnesses)))
-        slow, progress, cells = announce(f"{rows} cells", _S_PER_CELL * rows), ProgressBar(sys.stderr), []
-        if slow:
-            progress.start(rows, 0)
-        for cell in stability_map(steps, stiffnesses):
-            cells.append(cell)
-            if slow:
-                progress.job_ended(f"tier {cell.tier}, {1e3 * cell.step_s:g} ms, {_column(cell.stiffness_n_m)} N/m")
-        print(map_text(cells), end="")
-        if options.json is not None:
-            write_json(options.json, {"cells": [dataclasses.asdict(cell) for cell in cells]})
-    except (ConfigError, ResultFileError) as error:
-        print(f"stability_map: {error}", file=sys.stderr)
-        return 1
-    faults = [cell for cell in cells if cell.outcome == "fault"]
-    if faults:
-        print(f"stability_map: {len(faults)} cells ended neither finite nor in a typed error", file=sys.stderr)
-    return 1 if faults else 0
-
-
-def _setup(step_s: float, with_object: bool, gripper: Gripper, config: PlantConfig) -> TierSetup:
+def _setup(with_object: bool, gripper: Gripper, config: PlantConfig) -> TierSetup:
     body = RigidBody("sphere", (_SIZE_M,) * 3, _MASS_KG, np.array([0.0, 0.0, _DEPTH_M]), np.array([0.0, 0.0, 0.0, 1.0]))
     return TierSetup(
         geometry=gripper.geometry,
         finger_base_m=gripper.finger_base_m,
         gravity_m_s2=GRAVITY_M_S2,
-        sub_step_s=step_s,
         body=body if with_object else None,
         planes_m=_STAND_M if with_object else np.empty((0, 3)),
         config=config,
@@ -181,9 +146,10 @@ def _setup(step_s: float, with_object: bool, gripper: Gripper, config: PlantConf
 
 def _close(muscles: Tier, step_s: float, holding_s: float, gripper: Gripper) -> None:
     none, full = (_inward(share * PRESSURE_GAUGE_PA, gripper) for share in (0.0, 1.0))
-    for before, duration_s, fewest in ((none, CLOSING_S, 1), (full, holding_s, FEWEST_STEPS)):
+    muscles.reset(none)
+    for duration_s, fewest in ((CLOSING_S, 1), (holding_s, FEWEST_STEPS)):
         still = np.zeros(max(round(duration_s / step_s), fewest) + 1)
-        muscles.step(before, full, still, still)
+        muscles.step(full, still, still)
 
 
 def _inward(pressure_gauge_pa: float, gripper: Gripper) -> Actuation:
@@ -226,16 +192,3 @@ def _text(cell: Cell, messages: Sequence[str]) -> str:
 def _without_step(message: str) -> str:
     """Return the message without its step and tier, which the map shows."""
     return message.split(" s: ", 1)[-1]
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        "stability_map", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the cells go")
-    parser.add_argument("--quick", action="store_true", help="a coarse map")
-    return parser
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

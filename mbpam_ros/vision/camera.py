@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from mbpam_ros.configuration import load_config, require_positive
 from mbpam_ros.errors import MbpamError
 
+LENS_MODELS = ("", "plumb_bob", "rational_polynomial")
+"""Distortion models of ``sensor_msgs/CameraInfo`` that can be undone; no name is that of an ideal pinhole."""
+
 
 class CameraError(MbpamError, ValueError):
     """A camera's description or a use of it makes no sense: no focal length, a point behind the camera."""
@@ -65,6 +68,20 @@ class Intrinsics:
     def matrix(self) -> NDArray[np.float64]:
         """K, shape (3, 3) [px]."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+
+def distortion_of(model: str, coefficients: ArrayLike) -> NDArray[np.float64]:
+    """Return the coefficients D of a ``sensor_msgs/CameraInfo``, shape (n,), whose lens the detector can undo.
+
+    Raises:
+        CameraError: ``model`` is none of :data:`LENS_MODELS`.
+    """
+    if model not in LENS_MODELS:
+        raise CameraError(
+            f"distortion_model {model!r} is none of {', '.join(LENS_MODELS[1:])}; "
+            "publish rectified images with their CameraInfo"
+        )
+    return np.array(coefficients, dtype=float).ravel()
 
 
 @dataclass(frozen=True)

@@ -23,12 +23,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.configuration import load_config, require_positive
 from mbpam_ros.errors import MbpamError
+from mbpam_ros.geometry.solids import SHAPES, Shape
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.vision.camera import Camera, CameraPose, Intrinsics
 from mbpam_ros.vision.primitives import (
-    SHAPES,
     Footprint,
-    Shape,
     canonical,
     first_guesses,
     orientation_xyzw,

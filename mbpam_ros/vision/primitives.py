@@ -11,16 +11,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from mbpam_ros.geometry.solids import BOX_CORNERS, Shape
 from mbpam_ros.vision.raycast import Body
-
-Shape = Literal["sphere", "cylinder", "box"]
-SHAPES: tuple[Shape, ...] = ("sphere", "cylinder", "box")
 
 SPHERE_VERTICES = 48
 CAP_VERTICES = 32
@@ -33,7 +30,6 @@ _PARAMETERS: dict[str, tuple[str, ...]] = {
 YAW_INDEX = 2
 FIRST_SIZE = {"sphere": 2, "cylinder": 3, "box": 3}
 
-_BOX_SIGNS = np.array([[x, y, z] for z in (-1.0, 1.0) for y in (-1.0, 1.0) for x in (-1.0, 1.0)])
 _BOX_FACES = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]], dtype=float)
 _BOX_EDGES = np.array([(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit])
 
@@ -68,7 +64,7 @@ def vertices(shape: Shape, parameters: NDArray, support_depth_m: float, eye_m: N
         return np.concatenate([ring - half_length * along, ring + half_length * along], axis=1)
     half = 0.5 * p[:, 3:6]
     centre = np.stack([p[:, 0], p[:, 1], support_depth_m - half[:, 2]], axis=-1)[:, None, :]
-    corner = _BOX_SIGNS[None] * half[:, None, :]
+    corner = BOX_CORNERS[None] * half[:, None, :]
     return centre + corner[..., :1] * across + corner[..., 1:2] * along + corner[..., 2:] * np.array([0.0, 0.0, 1.0])
 
 
@@ -94,7 +90,7 @@ def box_creases(parameters: NDArray, support_depth_m: float, eye_m: NDArray) -> 
     body = to_body("box", parameters, support_depth_m)
     eye = (eye_m - body.centre) @ body.rotation
     seen = _BOX_FACES @ eye > np.abs(_BOX_FACES) @ body.half_size
-    on_face = (_BOX_SIGNS @ _BOX_FACES.T) > 0.5  # (8, 6)
+    on_face = (BOX_CORNERS @ _BOX_FACES.T) > 0.5  # (8, 6)
     faces_of_edge = on_face[_BOX_EDGES[:, 0]] & on_face[_BOX_EDGES[:, 1]]
     return _BOX_EDGES[(faces_of_edge & seen).sum(axis=1) == 2]
 

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.geometry.solids import Shape
+
 Components = tuple[Any, Any, Any]
 
 _NO_HIT = np.float32(np.inf)
@@ -21,7 +23,7 @@ _TINY = np.float32(1e-12)
 class Body(NamedTuple):
     """A primitive at its place: shape name, half of its Marker size (3,), centre (3,), rotation (3, 3) from body."""
 
-    shape: str
+    shape: Shape
     half_size: NDArray[Any]
     centre: NDArray[Any]
     rotation: NDArray[Any]

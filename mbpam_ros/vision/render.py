@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mbpam_ros.errors import MbpamError
+from mbpam_ros.geometry.solids import BOX_CORNERS, SHAPES, Shape
 from mbpam_ros.vision.camera import Camera, CameraConfig
 from mbpam_ros.vision.capsule_kernel import paint_capsule
 from mbpam_ros.vision.raycast import Body, Components, chords, hit_body, surface_normals
@@ -53,15 +54,15 @@ class ColouredSolid:
         ViewError: unknown shape or a size that is not positive.
     """
 
-    shape: Literal["sphere", "cylinder", "box"]
+    shape: Shape
     size_m: NDArray[np.float64]
     position_m: NDArray[np.float64]
     orientation_xyzw: NDArray[np.float64]
     colour_rgb: Colour = (0.75, 0.30, 0.20)
 
     def __post_init__(self) -> None:
-        if self.shape not in ("sphere", "cylinder", "box"):
-            raise ViewError(f"shape must be sphere, cylinder or box, found {self.shape!r}")
+        if self.shape not in SHAPES:
+            raise ViewError(f"shape must be one of {', '.join(SHAPES)}, found {self.shape!r}")
         for name, count in (("size_m", 3), ("position_m", 3), ("orientation_xyzw", 4)):
             value = np.array(getattr(self, name), dtype=float)
             if value.shape != (count,) or not np.isfinite(value).all():
@@ -290,16 +291,13 @@ def _body(solid: ColouredSolid) -> Body:
     return Body(solid.shape, 0.5 * solid.size_m, solid.position_m, rotation)
 
 
-_UNIT_CORNERS = 0.5 * np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]), axis=-1).reshape(8, 3)
-
-
 def _corners(solid: ColouredSolid) -> NDArray[np.float64]:
     """Corners, (8, 3), of the box around the solid."""
-    return solid.position_m + Rotation.from_quat(solid.orientation_xyzw).apply(_UNIT_CORNERS * solid.size_m)
+    return solid.position_m + Rotation.from_quat(solid.orientation_xyzw).apply(BOX_CORNERS * (0.5 * solid.size_m))
 
 
 def _capsule_corners(start: NDArray, end: NDArray, radius: float) -> NDArray[np.float64]:
-    cube = 2.0 * radius * _UNIT_CORNERS
+    cube = radius * BOX_CORNERS
     return np.concatenate([start + cube, end + cube])
 
 

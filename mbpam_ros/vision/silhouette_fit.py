@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.errors import MbpamError
+from mbpam_ros.geometry.solids import Shape
 from mbpam_ros.vision.camera import Camera
-from mbpam_ros.vision.primitives import FIRST_SIZE, YAW_INDEX, Shape, box_creases, parameter_count, vertices
+from mbpam_ros.vision.primitives import FIRST_SIZE, YAW_INDEX, box_creases, parameter_count, vertices
 
 _CONTOUR_STEPS = 8
 _SEARCH_REACH_PX = (8, 5, 3, 3)

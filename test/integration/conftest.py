@@ -24,11 +24,10 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
-from mbpam_ros.gripper import load_gripper
+from mbpam_ros.commands.compile import compile_all
 from mbpam_ros.nodes.messages import time_stamp
 from mbpam_ros.nodes.runtime import STREAM
-from mbpam_ros.plant.plant import build_plant
-from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.terminal import Progress
 
 WAIT_S = 10.0
 
@@ -137,8 +136,7 @@ class Graph:
 @pytest.fixture(scope="session")
 def compiled_plant() -> None:
     """Have the simulated plant compiled: on a fresh machine that takes longer than a test waits."""
-    for scene in ("bulb", "empty"):
-        build_plant(load_scene(scene), load_gripper()).step([0.0] * 16, 0.01)
+    compile_all(Progress(silent=True))
 
 
 @pytest.fixture

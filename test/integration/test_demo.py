@@ -1,4 +1,4 @@
-"""The command ``demo`` with its six processes, on the one object for which pressure and tier matter most."""
+"""``mbpam demo`` with its six processes, on the one object for which pressure and tier matter most."""
 
 import json
 import subprocess
@@ -10,7 +10,7 @@ import pytest
 @pytest.mark.usefixtures("compiled_plant", "log_directory")
 def test_the_demo_grasps_lifts_and_releases_the_tube(tmp_path):
     report, file = tmp_path / "report", tmp_path / "tube.json"
-    command = [sys.executable, "-m", "mbpam_ros.nodes.demo", "--objects", "tube"]
+    command = [sys.executable, "-m", "mbpam_ros.commands", "demo", "--objects", "tube"]
     ended = subprocess.run([*command, "--report", str(report), "--json", str(file)], capture_output=True, text=True)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     (row,) = json.loads(file.read_text())

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from mbpam_ros.commands.system import NodeProcesses, Operator
 from mbpam_ros.nodes.environment import PROFILES, RANGE, keep_to_udp_on_loopback
-from mbpam_ros.nodes.system import NodeProcesses, Operator
 
 LOOPBACK = "0100007F"
 """127.0.0.1 as ``/proc/net/udp`` writes it."""

@@ -15,14 +15,13 @@ import pytest
 
 from mbpam_ros.nodes.interface import NODES
 
-from mbpam_ros.nodes.system import Operator  # isort: skip
+from mbpam_ros.commands.system import Operator  # isort: skip
 
 pytestmark = pytest.mark.xdist_group("installation")  # its workspace is built once
 
 SOURCE = Path(__file__).parents[2]
-DESIGN_STUDY = {"sample_design", "compare_metamodels", "optimise_design"}
-STUDIES = {"benchmark_peers", "calibrate_fe", "fidelity_trade", "grasp_study", "plan", "stability_map"}
-EXECUTABLES = {*NODES, "bringup", "demo", *DESIGN_STUDY, *STUDIES}
+FOR_ROS2_RUN = {*NODES, "bringup", "demo"}
+ON_THE_PATH = {"mbpam", *(f"mbpam_{node}" for node in (*NODES, "bringup"))}
 START_S = 60.0
 STOP_S = 10.0
 COMMAND_S = 90.0
@@ -86,6 +85,10 @@ def colcon(workspace: Path, *arguments: str) -> str:
     return run(executable, "--log-base", "log", *arguments, directory=workspace)
 
 
+def executables_in(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir() if os.access(path, os.X_OK)}
+
+
 def files_under(folder: Path) -> set[Path]:
     return {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
 
@@ -122,8 +125,8 @@ def assert_runs(command: Sequence[str], config: Path, domain: int, log: Path) ->
 
 def test_colcon_build_installs_every_executable_and_every_configuration_file(workspace):
     prefix = workspace / "install" / "mbpam_ros"
-    executables = {path.name for path in (prefix / "lib" / "mbpam_ros").iterdir() if os.access(path, os.X_OK)}
-    assert executables == EXECUTABLES
+    assert executables_in(prefix / "lib" / "mbpam_ros") == FOR_ROS2_RUN
+    assert executables_in(prefix / "bin") == ON_THE_PATH
     assert files_under(prefix / "share" / "mbpam_ros" / "config") >= files_under(SOURCE / "config")
     assert (prefix / "share" / "mbpam_ros" / "package.xml").is_file()
     assert (prefix / "share" / "ament_index" / "resource_index" / "packages" / "mbpam_ros").is_file()
@@ -145,11 +148,12 @@ def test_colcon_test_runs_the_tests(workspace):
 
 
 def test_pip_install_puts_console_scripts_in_bin_and_the_configuration_under_the_prefix(virtual_environment):
-    scripts = {path.name for path in (virtual_environment / "bin").iterdir() if os.access(path, os.X_OK)}
-    assert scripts >= EXECUTABLES
+    scripts = executables_in(virtual_environment / "bin")
+    assert scripts >= ON_THE_PATH and not scripts & FOR_ROS2_RUN
+    assert executables_in(virtual_environment / "lib" / "mbpam_ros") == FOR_ROS2_RUN
     assert files_under(virtual_environment / "share" / "mbpam_ros" / "config") >= files_under(SOURCE / "config")
 
 
 def test_a_console_script_runs_with_the_configuration_that_pip_installed(virtual_environment, domain, tmp_path):
     config = virtual_environment / "share" / "mbpam_ros" / "config"
-    assert_runs([str(virtual_environment / "bin" / "bringup")], config, domain, tmp_path / "bringup.log")
+    assert_runs([str(virtual_environment / "bin" / "mbpam_bringup")], config, domain, tmp_path / "bringup.log")

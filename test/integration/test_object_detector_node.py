@@ -30,12 +30,12 @@ INTRINSICS = camera_intrinsics(CAMERA)
 @functools.cache
 def photograph(scene_name, offset_m=(0.0, 0.0)):
     """An rgb8 image of a scene with the fingers hanging, its object moved sideways by ``offset_m``."""
-    scene = load_scene(scene_name)
-    support = scene.config.support
+    scene, _ = load_scene(scene_name)
+    support = scene.support
     base = load_gripper().finger_base_m
     solids = ()
     if scene.object is not None:
-        spec, position = scene.object, np.array(scene.config.object_position_m) + (*offset_m, 0.0)
+        spec, position = scene.object, np.array(scene.object_position_m) + (*offset_m, 0.0)
         solids = (ColouredSolid(spec.shape, spec.size_m, position, scene.object_orientation_xyzw, spec.colour_rgb),)
     stand = {}
     if support is not None:
@@ -153,8 +153,8 @@ def test_a_camera_that_publishes_best_effort_is_heard_when_a_parameter_says_so(g
 @pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "mono8"])
 @pytest.mark.parametrize("scene_name", SCENES)
 def test_each_object_of_the_paper_is_seen_with_its_shape_size_and_place(graph, scene_name, encoding):
-    scene = load_scene(scene_name)
-    camera = Camera(graph, support_depth_m=scene.config.support.depth_m)
+    scene, _ = load_scene(scene_name)
+    camera = Camera(graph, support_depth_m=scene.support.depth_m)
     pixels = photograph(scene_name)
     if encoding != "rgb8":
         pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR if encoding == "bgr8" else cv2.COLOR_RGB2GRAY)
@@ -168,12 +168,12 @@ def test_each_object_of_the_paper_is_seen_with_its_shape_size_and_place(graph, s
     size = (found.scale.x, found.scale.y, found.scale.z)
     np.testing.assert_allclose(size, scene.object.size_m, atol=WITHIN_M)
     place = (found.pose.position.x, found.pose.position.y, found.pose.position.z)
-    np.testing.assert_allclose(place, scene.config.object_position_m, atol=WITHIN_M)
+    np.testing.assert_allclose(place, scene.object_position_m, atol=WITHIN_M)
 
 
 def test_a_rod_along_gripper_y_has_its_axis_there(graph):
-    scene = load_scene("banana")
-    camera = Camera(graph, support_depth_m=scene.config.support.depth_m)
+    scene, _ = load_scene("banana")
+    camera = Camera(graph, support_depth_m=scene.support.depth_m)
     (found,) = camera.show(image(photograph("banana")))
     q = found.pose.orientation
     body_z = (2.0 * (q.x * q.z + q.y * q.w), 2.0 * (q.y * q.z - q.x * q.w), 1.0 - 2.0 * (q.x**2 + q.y**2))
@@ -206,7 +206,7 @@ def test_the_overlay_is_a_jpeg_of_the_image_s_size_and_stamp(graph):
 def test_an_object_beside_the_axis_is_found_there(graph):
     camera = Camera(graph)
     (found,) = camera.show(image(photograph("bulb", offset_m=(0.012, -0.008))))
-    expected = np.array(load_scene("bulb").config.object_position_m) + (0.012, -0.008, 0.0)
+    expected = np.array(load_scene("bulb")[0].object_position_m) + (0.012, -0.008, 0.0)
     place = (found.pose.position.x, found.pose.position.y, found.pose.position.z)
     np.testing.assert_allclose(place, expected, atol=WITHIN_M)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from mbpam_ros.nodes.system import NodeProcesses, Operator  # isort: skip
+from mbpam_ros.commands.system import NodeProcesses, Operator  # isort: skip
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger

@@ -18,7 +18,7 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.messages import joint_state, seconds, time_stamp
 from mbpam_ros.nodes.plant import PlantNode
 from mbpam_ros.plant.plant import Plant
-from mbpam_ros.plant.tiers import PlantDivergedError
+from mbpam_ros.plant.tiers.base import PlantDivergedError
 from mbpam_ros.vision.camera import camera_intrinsics, load_camera_config
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")

@@ -9,24 +9,24 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 
-from mbpam_ros.nodes.system import NodeProcesses, NodeSystemError, Operator  # isort: skip
+from mbpam_ros.commands.system import NodeProcesses, NodeSystemError, Operator  # isort: skip
 import numpy as np
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.configuration import config_path
 from mbpam_ros.nodes.interface import NODES, SERVICES, TOPICS
 from mbpam_ros.nodes.messages import joint_state, time_stamp
-from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
+from mbpam_ros.nodes.runtime import NEWEST, STREAM
 
 WAIT_S = 15.0
 START_S = 60.0
@@ -41,24 +41,33 @@ class Gripper:
         self.processes = processes
         self.operator = Operator("test_operator", namespace, idle=processes.check, domain_id=domain)
         self._prefix = self.operator.node.get_namespace().rstrip("/")
-        self.grasp: dict[str, str] = {}
         self.pressure_pa = np.full(len(CHANNEL_NAMES), math.nan)
         self._pressures_at_s = -math.inf
         self.height_m: dict[str, float] = {}
         subscribe = self.operator.node.create_subscription
-        subscribe(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
         subscribe(JointState, "chamber_states", self._on_chamber_states, NEWEST)
         subscribe(MarkerArray, "plant/finger_markers", self._on_truth, STREAM)
+
+    @property
+    def grasp(self) -> dict[str, str]:
+        """What the arbiter said last."""
+        return self.operator.grasp
 
     def health(self, name: str) -> tuple[bytes, str, dict[str, str]]:
         """Level, message and values that a node reported last; level WARN before the first report."""
         return self.operator.health.get(f"{self._prefix}/{name}", (DiagnosticStatus.WARN, "no report", {}))
 
-    def wait_for(self, predicate: Callable[[], bool], what: str, timeout_s: float = WAIT_S) -> None:
+    @contextmanager
+    def reporting(self) -> Iterator[None]:
+        """What does not happen in time fails the test with all that is known of the gripper."""
         try:
-            self.operator.wait_for(predicate, timeout_s, what)
+            yield
         except NodeSystemError as error:
             raise AssertionError(f"{error}\n{self.report()}") from error
+
+    def wait_for(self, predicate: Callable[[], bool], what: str, timeout_s: float = WAIT_S) -> None:
+        with self.reporting():
+            self.operator.wait_for(predicate, timeout_s, what)
 
     def wait_for_phase(self, phase: str) -> None:
         self.wait_for(lambda: self.grasp.get("phase") == phase, f"phase {phase}")
@@ -72,17 +81,17 @@ class Gripper:
         return "\n".join(lines)
 
     def enable(self) -> None:
-        answer = self.operator.call(SetBool, "valve_controller/enable", SetBool.Request(data=True))
-        assert answer.success, answer.message
-        self.wait_for(lambda: self.health("grasp_arbiter")[0] == OK, "readiness")
+        with self.reporting():
+            self.operator.enable(WAIT_S)
 
     def ask(self, service: str) -> None:
         answer = self.operator.call(Trigger, service)
         assert answer.success, f"{service}: {answer.message}"
 
     def close_fingers(self) -> None:
-        self.ask("grasp/envelope")
-        self.wait_for_phase("holding")
+        with self.reporting():
+            fault = self.operator.close_fingers(timeout_s=WAIT_S)
+        assert not fault, self.report()
 
     def let_go_and_reset(self) -> None:
         """Go from a fault that keeps the object back to idle."""
@@ -114,9 +123,6 @@ class Gripper:
     def restart(self, executable: str) -> None:
         self.processes.start(executable)
         self.operator.wait_for_nodes([executable], START_S)
-
-    def _on_grasp_state(self, state: DiagnosticStatus) -> None:
-        self.grasp = {item.key: item.value for item in state.values}
 
     def _on_chamber_states(self, message: JointState) -> None:
         self.pressure_pa = np.array(message.effort)

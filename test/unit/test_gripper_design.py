@@ -30,8 +30,8 @@ def gripper_with(tmp_path):
 
 
 def plants_bend(gripper):
-    scene = load_scene("empty")
-    plant = build_plant(replace(scene, config=replace(scene.config, tier="static")), gripper)
+    scene, request = load_scene("empty")
+    plant = build_plant(scene, replace(request, tier="static"), gripper)
     for _ in range(200):
         plant.step(np.clip((PRESSURE_PA - plant.observe().pressure_gauge_pa) / 2e4, -1.0, 1.0), 0.01)
     np.testing.assert_allclose(plant.observe().pressure_gauge_pa, PRESSURE_PA, atol=10.0)

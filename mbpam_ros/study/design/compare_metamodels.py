@@ -1,48 +1,19 @@
-"""Command ``compare_metamodels``: metamodels of the muscle beside each other, and beside the paper's Table 3.
-
-    compare_metamodels --json FILE                                     fitted to Table 1, judged on Table 2
-    compare_metamodels --training CSV --validation CSV --json FILE     on samples of your own
-    compare_metamodels --training CSV --json FILE                      judged by leaving each sample out in turn
-    compare_metamodels --map FILE                                      picture of the uncertainty over the domain
-
-Up to 40 samples, each is left out by refitting without it; with more, by the closed form of each metamodel, with length
-scales and widths of all samples. The output says which, and beside each stated deviation whether it covers the errors.
-
-A CSV has the columns a_mm, b_mm, theta_max_deg, f_max_n. The names in the table, in small letters, are those of the
-estimator's parameter ``metamodel``.
-"""
+"""Metamodels of the muscle beside each other, and beside the paper's Table 3."""
 
 from __future__ import annotations
 
-import argparse
 import functools
-import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from concurrent.futures import Executor
 
-import numpy as np
-
-from mbpam_ros.actuator.design import DesignDomainError
-from mbpam_ros.actuator.metamodel import (
-    CORRELATIONS,
-    METAMODELS,
-    REFITTED_SAMPLES,
-    TRAINING_TABLE,
-    TRENDS,
-    VALIDATION_TABLE,
-)
-from mbpam_ros.actuator.sample_check import MetamodelError
+from mbpam_ros.actuator.design import MetamodelName
+from mbpam_ros.actuator.metamodel import METAMODELS, REFITTED_SAMPLES
 from mbpam_ros.actuator.tables import read_labelled_columns
-from mbpam_ros.configuration import ConfigError, config_path
-from mbpam_ros.study.announcement import announce
-from mbpam_ros.study.design.accuracy import JudgingError
+from mbpam_ros.configuration import config_path
 from mbpam_ros.study.design.comparison import Judged, judge
-from mbpam_ros.study.design.pictures import PictureError, draw_comparison, draw_uncertainty
-from mbpam_ros.study.design.responses import published_coefficients
 from mbpam_ros.study.design.samples import RESPONSES, Samples
-from mbpam_ros.study.design.uncertainty import uncertain_kriging, uncertainty_map
-from mbpam_ros.study.progress_bar import ProgressBar
-from mbpam_ros.study.result_file import ResultFileError, write_json
+from mbpam_ros.study.executors import ThisProcess
+from mbpam_ros.study.jobs import as_they_end
+from mbpam_ros.terminal import Progress
 
 _KRIGING = ("krg", "krg_nugget")
 
@@ -66,7 +37,8 @@ def compare(
     validation: Samples | None,
     trend: str = "constant",
     correlation: str = "gaussian",
-    job_ended: Callable[[str], object] = str,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
 ) -> dict[str, dict[str, Judged]]:
     """Return every metamodel of the package, by its name in capitals, for each response.
 
@@ -74,18 +46,28 @@ def compare(
         training: samples to fit.
         validation: samples to judge on; None leaves each training sample out in turn.
         trend, correlation: of both kriging metamodels.
-        job_ended: called after each metamodel with a line about it.
+        executor: where they are fitted; none for this process.
+        progress: told of each; none for silence.
 
     Raises:
         DesignDomainError, MetamodelError, JudgingError: the samples cannot be used so; the message says why.
     """
-    domain = training.domain()
-    table = {}
-    for name, maker in METAMODELS.items():
-        options = {"trend": trend, "correlation": correlation} if name in _KRIGING else {}
-        table[name.upper()] = judge(functools.partial(maker, domain=domain, **options), training, validation)
-        job_ended(f"{name.upper()} fitted and judged")
-    return table
+    progress = progress or Progress(silent=True)
+    jobs = {name.upper(): (name, training, validation, trend, correlation) for name in METAMODELS}
+    progress.start(len(jobs))
+    found = {}
+    for name, future in as_they_end(jobs, judge_metamodel, executor or ThisProcess(), progress):
+        found[name] = future.result()
+        progress.job_ended(f"{name} fitted and judged")
+    return {name: found[name] for name in jobs}
+
+
+def judge_metamodel(
+    name: MetamodelName, training: Samples, validation: Samples | None, trend: str, correlation: str
+) -> dict[str, Judged]:
+    """Return one of them for each response; arguments and errors as for :func:`compare`."""
+    options = {"trend": trend, "correlation": correlation} if name in _KRIGING else {}
+    return judge(functools.partial(METAMODELS[name], domain=training.domain(), **options), training, validation)
 
 
 def expected_s(samples: int, left_out: bool) -> float:
@@ -135,82 +117,7 @@ def table_text(table: dict[str, dict[str, Judged]], published: dict[tuple[str, s
     return "\n".join(lines)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status."""
-    options = _parser().parse_args(arguments)
-    try:
-        training, validation = _samples(options)
-        training.domain()  # refuses before anything is announced
-        jobs = ProgressBar(sys.stderr)
-        slow = announce(
-            f"{len(METAMODELS)} metamodels of {len(training.design_mm)} samples, judged"
-            + (" by leaving each out" if validation is None else ""),
-            expected_s(len(training.design_mm), validation is None),
-        )
-        if slow:
-            jobs.start(len(METAMODELS), 0)
-        table = compare(training, validation, options.trend, options.correlation, jobs.job_ended if slow else str)
-        as_the_paper = options.training is None and not options.leave_one_out
-        print(table_text(table, published_errors() if as_the_paper else {}))
-        if as_the_paper:
-            for key, printed in published_coefficients().items():
-                found = np.array(table["PRS"][key].parameters["coefficients"])
-                print(f"PRS {key}: the paper's coefficients to {np.abs(found / printed - 1.0).max():.1e} of each")
-            print(
-                "The paper calls its RBF Gaussian, but its row is that of the thin plate spline r^2 ln r with a linear "
-                "trend (RBF);\nno width gives Gaussians (RBF_GAUSSIAN) that row."
-            )
-        if options.json is not None:
-            write_json(
-                options.json,
-                {name: {key: judged[key].as_json() for key in RESPONSES} for name, judged in table.items()},
-            )
-        if options.picture is not None:
-            draw_comparison(table, validation or training, options.picture)
-        if options.map is not None:
-            drawn = uncertainty_map(training, uncertain_kriging(training, options.trend, options.correlation))
-            for key in RESPONSES:
-                print(f"map of kriging's sigma of {key}: {drawn.coverage[key].text()}")
-            draw_uncertainty(drawn, training, options.map)
-    except (ConfigError, DesignDomainError, MetamodelError, JudgingError, PictureError, ResultFileError) as error:
-        print(f"compare_metamodels: {error}", file=sys.stderr)
-        return 1
-    return 0
-
-
-def _samples(options: argparse.Namespace) -> tuple[Samples, Samples | None]:
-    """Return the samples to fit and those to judge on, None for leaving each out."""
-    if options.validation is not None and (options.training is None or options.leave_one_out):
-        raise ConfigError("--validation needs --training and excludes --leave-one-out")
-    if options.training is not None:
-        validation = None if options.validation is None else Samples.read(options.validation)
-        return Samples.read(options.training), validation
-    validation = None if options.leave_one_out else Samples.of_the_paper(VALIDATION_TABLE)
-    return Samples.of_the_paper(TRAINING_TABLE), validation
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        "compare_metamodels", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="where the picture goes (png, pdf or svg)")
-    parser.add_argument("--training", type=Path, metavar="CSV", help="samples to fit (default: the paper's Table 1)")
-    parser.add_argument(
-        "--validation", type=Path, metavar="CSV", help="samples to judge on (default: leave each sample out)"
-    )
-    parser.add_argument("--leave-one-out", action="store_true", help="judge the paper's samples so, not on Table 2")
-    parser.add_argument("--map", type=Path, metavar="FILE", help="where the map of kriging's uncertainty goes")
-    parser.add_argument("--trend", choices=TRENDS, default="constant", help="of kriging")
-    parser.add_argument("--correlation", choices=CORRELATIONS, default="gaussian", help="of kriging")
-    return parser
-
-
 def _short(value: object) -> str:
     if isinstance(value, list):
         return "(" + ", ".join(f"{item:.4f}" for item in value) + ")"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

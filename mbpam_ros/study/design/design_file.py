@@ -36,7 +36,7 @@ def keep_design(name: str, result: dict, samples: str) -> None:
         theta_max_deg=chosen["theta_deg"],
         f_max_n=chosen["f_n"],
         provenance={
-            "command": "optimise_design",
+            "command": "mbpam optimise",
             "samples": samples,
             "metamodel": result["metamodel"],
             "algorithm": run["algorithm"],

@@ -1,49 +1,30 @@
-"""Command ``optimise_design``: the designs that bend furthest and press hardest, and a compromise among them.
-
-    optimise_design --json FILE                          the paper's Eqs. 9 and 10, MOPSO as in its Table 4, and NSGA-II
-    optimise_design --metamodel krg --json FILE          another metamodel, fitted to Table 1
-    optimise_design --training CSV --initial 2.5,2.0     samples of your own (a_mm, b_mm, theta_max_deg, f_max_n)
-    optimise_design --required-force 0.6                 choose the design with the largest angle that has 0.6 N
-    optimise_design --save-as optimised                  keep the chosen design, for "design: optimised" in gripper.yaml
-
-The front in the JSON file, and the figures drawn from it, are those of the first algorithm and seed; every other run is
-judged too, against the front of a dense grid. The command fails if a run covers less than 99.5 % of that.
-"""
+"""The designs that bend furthest and press hardest: optimisers beside the front of a dense grid, and a compromise."""
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, astuple, dataclass
-from pathlib import Path
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from mbpam_ros.actuator.design import INITIAL_DESIGN, DesignDomainError
-from mbpam_ros.actuator.metamodel import METAMODELS, REFITTED_SAMPLES, TRAINING_TABLE, VALIDATION_TABLE
-from mbpam_ros.actuator.sample_check import MetamodelError
+from mbpam_ros.actuator.metamodel import METAMODELS, REFITTED_SAMPLES
 from mbpam_ros.actuator.tables import read_table
-from mbpam_ros.configuration import ConfigError
-from mbpam_ros.study.announcement import announce
-from mbpam_ros.study.design.compromise import CompromiseError, Rule, knee, required_force, weighted
-from mbpam_ros.study.design.design_file import keep_design
-from mbpam_ros.study.design.evaluations import Evaluations, OptimisationError
-from mbpam_ros.study.design.improvement import Reference, gains, reference_design
+from mbpam_ros.study.design.evaluations import Evaluations
+from mbpam_ros.study.design.improvement import Reference, gains
 from mbpam_ros.study.design.mopso import mopso
 from mbpam_ros.study.design.nsga2 import nsga2
-from mbpam_ros.study.design.pareto import Front, FrontError, grid_front, hypervolume_ratio
-from mbpam_ros.study.design.pictures import PictureError, draw_optimisation
-from mbpam_ros.study.design.responses import PUBLISHED, Responses, fitted_responses, published_responses
+from mbpam_ros.study.design.pareto import Front, grid_front, hypervolume_ratio
+from mbpam_ros.study.design.responses import Responses, fitted_responses
 from mbpam_ros.study.design.samples import Samples
 from mbpam_ros.study.design.uncertainty import kriging_sigma, left_out, uncertain_kriging
-from mbpam_ros.study.progress_bar import ProgressBar
-from mbpam_ros.study.result_file import ResultFileError, write_json
+from mbpam_ros.study.jobs import as_they_end
+from mbpam_ros.terminal import Progress
 
 ALGORITHMS: dict[str, Callable[[Evaluations, int], None]] = {"mopso": mopso, "nsga2": nsga2}
 LEAST_HYPERVOLUME_RATIO = 0.995
-_GRID = 401
+GRID = 401
 _COLUMNS = ("a_mm", "b_mm", "theta_deg", "f_n")
 
 
@@ -86,21 +67,37 @@ def check_table_5(responses: Responses) -> list[dict[str, float]]:
 
 
 def gains_by_metamodel(
-    samples: Samples, initial: Reference, job_ended: Callable[[str], object] = str
+    samples: Samples, initial: Reference, executor: Executor, progress: Progress
 ) -> dict[str, dict[str, float | None]]:
     """Return what the grid front of each metamodel offers over the initial design: how far the models disagree.
-
-    ``job_ended`` is called after each with a line about it.
 
     Raises:
         DesignDomainError, MetamodelError: the samples do not determine a metamodel.
     """
-    found: dict[str, dict[str, float | None]] = {}
-    for name in METAMODELS:
-        responses = fitted_responses(name, samples)
-        found[name] = asdict(gains(grid_front(responses.objectives, responses.domain, 201), initial))
-        job_ended(f"gains by {name}")
-    return found
+    jobs: dict[str, tuple] = {name: (name, samples, initial) for name in METAMODELS}
+    found = {}
+    for name, future in as_they_end(jobs, metamodel_gains, executor, progress):
+        found[name] = future.result()
+        progress.job_ended(f"gains by {name}")
+    return {name: found[name] for name in jobs}
+
+
+def metamodel_gains(name: str, samples: Samples, initial: Reference) -> dict[str, float | None]:
+    """Return what the grid front of one metamodel offers over the initial design; errors as above."""
+    responses = fitted_responses(name, samples)
+    return asdict(gains(grid_front(responses.objectives, responses.domain, 201), initial))
+
+
+def run_all(
+    responses: Responses, truth: Front, wanted: Sequence[tuple[str, int]], executor: Executor, progress: Progress
+) -> list[Run]:
+    """Return :func:`optimise` for pairs of algorithm and seed, in their order."""
+    jobs = {f"{algorithm}, seed {seed}": (responses, truth, algorithm, seed) for algorithm, seed in wanted}
+    runs = {}
+    for name, future in as_they_end(jobs, optimise, executor, progress):
+        runs[name] = future.result()
+        progress.job_ended(name)
+    return [runs[name] for name in jobs]
 
 
 def expected_s(samples: int, runs: int, with_gains: bool) -> float:
@@ -149,7 +146,7 @@ def result_text(result: dict) -> str:
     """Return the results in words and tables."""
     lines = [
         f"front of metamodel {result['metamodel']}: {len(result['pareto'])} designs",
-        f"hypervolume over that of the front of a {_GRID} x {_GRID} grid, both against that front's worst values:",
+        f"hypervolume over that of the front of a {GRID} x {GRID} grid, both against that front's worst values:",
     ]
     for run in result["runs"]:
         lines.append(
@@ -179,87 +176,8 @@ def result_text(result: dict) -> str:
     return "\n".join(lines)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status."""
-    options = _parser().parse_args(arguments)
-    try:
-        _run(options)
-    except (
-        ConfigError,
-        DesignDomainError,
-        MetamodelError,
-        OptimisationError,
-        FrontError,
-        CompromiseError,
-        PictureError,
-        ResultFileError,
-    ) as error:
-        print(f"optimise_design: {error}", file=sys.stderr)
-        return 1
-    return 0
-
-
-def _run(options: argparse.Namespace) -> None:
-    of_the_paper = options.training is None
-    name = options.metamodel or (PUBLISHED if of_the_paper else "prs")
-    if name == PUBLISHED and not of_the_paper:
-        raise ConfigError("the published equations are the paper's; choose another --metamodel for samples of your own")
-    rule_name, rule = _rule(options)
-    samples = Samples.of_the_paper(TRAINING_TABLE) if of_the_paper else Samples.read(options.training)
-    with_initial = of_the_paper or options.initial is not None
-    job_ended = _announced(options, len(samples.design_mm), with_initial)
-    responses = published_responses() if name == PUBLISHED else fitted_responses(name, samples)
-    initial = None
-    if with_initial:
-        known = [samples, Samples.of_the_paper(VALIDATION_TABLE)] if of_the_paper else [samples]
-        a_mm, b_mm = options.initial or astuple(INITIAL_DESIGN)
-        initial = reference_design(a_mm, b_mm, known, responses)
-    truth = grid_front(responses.objectives, responses.domain, _GRID)
-    rule(truth)  # refuses a force that no design has before anything is optimised
-    job_ended("front of the grid")
-    runs = []
-    for algorithm, seed in _runs(options):
-        runs.append(optimise(responses, truth, algorithm, seed))
-        job_ended(f"{algorithm}, seed {seed}")
-    result = result_json(name, runs, initial, rule_name, rule(runs[0].front))
-    result["chosen"] |= _sigma_json(samples, result["chosen"])
-    job_ended("deviation by kriging")
-    if initial is not None:
-        result["gains_by_metamodel"] = gains_by_metamodel(samples, initial, job_ended)
-    if of_the_paper:
-        result["table_5"] = check_table_5(responses)
-    print(result_text(result))
-    if options.json is not None:
-        write_json(options.json, result)
-    if options.save_as is not None:
-        keep_design(options.save_as, result, "paper, Table 1" if of_the_paper else options.training.name)
-    if options.picture is not None:
-        fronts = {f"{run.algorithm}, seed {run.seed}": run.front for run in runs if run.seed == options.seed}
-        draw_optimisation(responses, truth, fronts, result, options.picture)
-    worst = min(runs, key=lambda run: run.hypervolume_ratio)
-    if worst.hypervolume_ratio < LEAST_HYPERVOLUME_RATIO:
-        raise OptimisationError(
-            f"{worst.algorithm} with seed {worst.seed} covers {worst.hypervolume_ratio:.4f} of the grid's front, "
-            f"less than {LEAST_HYPERVOLUME_RATIO:g}"
-        )
-
-
-def _runs(options: argparse.Namespace) -> list[tuple[str, int]]:
-    seeds = range(options.seed, options.seed + options.seeds)
-    return [(algorithm, seed) for algorithm in options.algorithms for seed in seeds]
-
-
-def _announced(options: argparse.Namespace, samples: int, with_gains: bool) -> Callable[[str], object]:
-    """Say how long it will take; return what to call after each job, which shows progress if it was long."""
-    runs = len(_runs(options))
-    if not announce(f"{runs} optimisations, {samples} samples", expected_s(samples, runs, with_gains)):
-        return str
-    jobs = ProgressBar(sys.stderr)
-    jobs.start(2 + runs + (len(METAMODELS) if with_gains else 0), 0)
-    return jobs.job_ended
-
-
-def _sigma_json(samples: Samples, chosen: dict) -> dict[str, object]:
+def sigma_values(samples: Samples, chosen: dict) -> dict[str, object]:
+    """Return the deviations that kriging states for the chosen design, and whether such deviations cover its errors."""
     kriging = uncertain_kriging(samples)
     sigma = kriging_sigma(kriging, [[chosen["a_mm"], chosen["b_mm"]]])
     _, coverage = left_out(samples, kriging)
@@ -271,70 +189,6 @@ def _sigma_json(samples: Samples, chosen: dict) -> dict[str, object]:
     }
 
 
-def _rule(options: argparse.Namespace) -> tuple[str, Rule]:
-    if options.required_force is not None:
-        return f"required force {options.required_force:g} N", required_force(options.required_force)
-    if options.weights is not None:
-        return "weights {:g} (angle) and {:g} (force)".format(*options.weights), weighted(*options.weights)
-    return "knee", knee
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        "optimise_design", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the front and the figures go")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="where the picture goes (png, pdf or svg)")
-    parser.add_argument("--training", type=Path, metavar="CSV", help="samples to fit (default: the paper's Table 1)")
-    parser.add_argument(
-        "--metamodel",
-        choices=(PUBLISHED, *METAMODELS),
-        help="default: published, Eqs. 9 and 10 as printed; prs for samples of your own",
-    )
-    parser.add_argument(
-        "--initial",
-        type=_pair,
-        metavar="A,B",
-        help="design that gains are measured by [mm] (default: the paper's 2.5,2.0; none for samples of your own)",
-    )
-    parser.add_argument(
-        "--algorithms", type=_algorithms, default=list(ALGORITHMS), metavar="NAMES", help="default: mopso,nsga2"
-    )
-    parser.add_argument("--seed", type=_at_least(0), default=0, help="first seed (default: 0)")
-    parser.add_argument(
-        "--seeds", type=_at_least(1), default=3, metavar="N", help="seeds of each algorithm (default: 3)"
-    )
-    parser.add_argument("--save-as", metavar="NAME", help="keep the chosen design under this name for the gripper file")
-    rules = parser.add_mutually_exclusive_group()
-    rules.add_argument("--required-force", type=float, metavar="N", help="choose the largest angle with this force")
-    rules.add_argument("--weights", type=_pair, metavar="ANGLE,FORCE", help="choose by weights (default: the knee)")
-    return parser
-
-
-def _pair(text: str) -> tuple[float, float]:
-    try:
-        first, second = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"wants two numbers with a comma between, found {text!r}") from error
-    return first, second
-
-
-def _algorithms(text: str) -> list[str]:
-    names = text.split(",")
-    if unknown := [name for name in names if name not in ALGORITHMS]:
-        raise argparse.ArgumentTypeError(f"unknown {', '.join(unknown)}; known: {', '.join(ALGORITHMS)}")
-    return names
-
-
-def _at_least(least: int) -> Callable[[str], int]:
-    def whole_number(text: str) -> int:
-        if (number := int(text)) < least:
-            raise argparse.ArgumentTypeError(f"must be at least {least}")
-        return number
-
-    return whole_number
-
-
 def _gains_text(offered: dict) -> str:
     force, angle = offered["gain_force_at_equal_angle_pct"], offered["gain_angle_at_equal_force_pct"]
     return f"force at equal angle {_percent(force)}, angle at equal force {_percent(angle)}"
@@ -342,7 +196,3 @@ def _gains_text(offered: dict) -> str:
 
 def _percent(value: float | None) -> str:
     return "beyond the front" if value is None else f"{value:+.2f} %"
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

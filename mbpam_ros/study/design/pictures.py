@@ -10,25 +10,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.design.comparison import Judged
 from mbpam_ros.study.design.latin_hypercube import RANGES
 from mbpam_ros.study.design.pareto import Front
 from mbpam_ros.study.design.responses import Responses
 from mbpam_ros.study.design.samples import RESPONSES, Samples
 from mbpam_ros.study.design.uncertainty import UncertaintyMap
+from mbpam_ros.study.pictures import new_figure, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _AXIS_LABELS = {"a_mm": "a [mm]", "b_mm": "b [mm]", "c_mm": "c [mm]", "n": "n"}
 _RESPONSE_LABELS = {"theta_max": "greatest bend [deg]", "f_max": "blocked force [N]"}
 _MARKERS = ("o", "s", "D", "^", "v")
-
-
-class PictureError(MbpamError, RuntimeError):
-    """The picture cannot be drawn or written; the message says why."""
 
 
 def draw_sampling(points: NDArray[np.float64], names: tuple[str, ...], paper: NDArray[np.float64], path: Path) -> None:
@@ -44,7 +39,7 @@ def draw_sampling(points: NDArray[np.float64], names: tuple[str, ...], paper: ND
     """
     pairs = list(itertools.combinations(range(len(names)), 2))
     columns = min(3, len(pairs))
-    figure = _new_figure((4.6 * columns, 4.4 * -(-len(pairs) // columns)))
+    figure = new_figure(4.6 * columns, 4.4 * -(-len(pairs) // columns))
     for axis, (i, j) in zip(np.ravel(figure.subplots(-(-len(pairs) // columns), columns)), pairs, strict=True):
         axis.plot(points[:, i], points[:, j], "o", label=f"these {len(points)}")
         if (i, j) == (0, 1):
@@ -58,7 +53,7 @@ def draw_sampling(points: NDArray[np.float64], names: tuple[str, ...], paper: ND
             set_label(_AXIS_LABELS[name])
             set_limits(low - 0.04 * (high - low), high + 0.04 * (high - low))
         axis.grid(alpha=0.3)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_comparison(table: Mapping[str, Mapping[str, Judged]], judging: Samples, path: Path) -> None:
@@ -67,7 +62,7 @@ def draw_comparison(table: Mapping[str, Mapping[str, Judged]], judging: Samples,
     Raises:
         PictureError: matplotlib is not installed, or the file cannot be written.
     """
-    figure = _new_figure((15.0, 4.8))
+    figure = new_figure(15.0, 4.8)
     *errors, trade = figure.subplots(1, 3)
     for axis, key in zip(errors, RESPONSES, strict=True):
         expected = judging.responses[key]
@@ -94,7 +89,7 @@ def draw_comparison(table: Mapping[str, Mapping[str, Judged]], judging: Samples,
     trade.set_ylim(bottom=0.0)
     trade.legend(fontsize=7, ncols=2)
     trade.grid(alpha=0.3, which="both")
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_uncertainty(uncertainty: UncertaintyMap, samples: Samples, path: Path) -> None:
@@ -103,7 +98,7 @@ def draw_uncertainty(uncertainty: UncertaintyMap, samples: Samples, path: Path) 
     Raises:
         PictureError: matplotlib is not installed, or the file cannot be written.
     """
-    figure = _new_figure((13.0, 5.6))
+    figure = new_figure(13.0, 5.6)
     for axis, key in zip(figure.subplots(1, 2), RESPONSES, strict=True):
         shades = axis.contourf(uncertainty.a_mm, uncertainty.b_mm, uncertainty.sigma[key], 12, cmap="Blues")
         figure.colorbar(shades, ax=axis, label=f"kriging's standard deviation [{RESPONSES[key]}]")
@@ -123,7 +118,7 @@ def draw_uncertainty(uncertainty: UncertaintyMap, samples: Samples, path: Path) 
         )
         axis.set_xlabel(_AXIS_LABELS["a_mm"])
         axis.set_ylabel(_AXIS_LABELS["b_mm"])
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_optimisation(
@@ -135,13 +130,13 @@ def draw_optimisation(
         responses: what was optimised.
         truth: the dense grid's front.
         fronts: the algorithms' fronts by name.
-        result: of ``optimise_design``: ``initial``, ``chosen`` and, for the paper's data, ``table_5``.
+        result: of ``mbpam optimise``: ``initial``, ``chosen`` and, for the paper's data, ``table_5``.
         path: where the picture goes; its suffix is the format.
 
     Raises:
         PictureError: matplotlib is not installed, or the file cannot be written.
     """
-    figure = _new_figure((14.0, 6.0))
+    figure = new_figure(14.0, 6.0)
     over_responses, over_design = figure.subplots(1, 2)
     _draw_domain(over_responses, over_design, responses)
     over_responses.plot(*truth.values.T, color="black", lw=1.0, label="front of the grid")
@@ -164,7 +159,7 @@ def draw_optimisation(
             over_design.plot(point["a_mm"], point["b_mm"], color=colour, **style)
     over_responses.legend(fontsize=8, loc="lower left")
     over_responses.set_title(f"PDC at 100 kPa, metamodel {result['metamodel']}")
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _draw_domain(over_responses: Axes, over_design: Axes, responses: Responses) -> None:
@@ -191,19 +186,3 @@ def _draw_domain(over_responses: Axes, over_design: Axes, responses: Responses) 
     over_design.set_xlabel(_AXIS_LABELS["a_mm"])
     over_design.set_ylabel(_AXIS_LABELS["b_mm"])
     over_design.set_title("bend (solid) and force (dashed) over the design")
-
-
-def _new_figure(size_in: tuple[float, float]) -> Figure:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise PictureError("pictures need matplotlib: pip install 'mbpam_ros[study]'") from error
-    return Figure(figsize=size_in, layout="constrained")
-
-
-def _save(figure: Figure, path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=110)
-    except (OSError, ValueError) as error:  # matplotlib raises ValueError for an unknown suffix
-        raise PictureError(f"cannot write {path}: {error}") from error

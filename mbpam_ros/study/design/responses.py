@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.design import PAPER_DOMAIN, DesignDomain
-from mbpam_ros.actuator.metamodel import METAMODELS, metamodel_name
+from mbpam_ros.actuator.metamodel import METAMODELS, Metamodel, metamodel_name
 from mbpam_ros.actuator.tables import read_table
 from mbpam_ros.study.design.pareto import Objectives
 from mbpam_ros.study.design.samples import Samples
@@ -41,7 +41,7 @@ def fitted_responses(name: str, samples: Samples) -> Responses:
         METAMODELS[metamodel_name(name)](domain=domain).fit(samples.design_mm, samples.responses[key])
         for key in samples.responses
     ]
-    return Responses(lambda design_mm: np.column_stack([model.predict(design_mm) for model in models]), domain)
+    return Responses(_Fitted(tuple(models)), domain)
 
 
 def published_coefficients() -> dict[str, NDArray[np.float64]]:
@@ -66,11 +66,28 @@ def published_responses() -> Responses:
         ConfigError: ``response_surface.csv`` is missing or unreadable.
     """
     power_a, power_b = read_table(_PUBLISHED_TABLE, "power_of_a", "power_of_b")
-    weights = np.column_stack(list(published_coefficients().values()))
+    return Responses(_Printed(power_a, power_b, np.column_stack(list(published_coefficients().values()))), PAPER_DOMAIN)
 
-    def objectives(design_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+
+@dataclass(frozen=True)
+class _Fitted:
+    """A metamodel a response; no closure, so that other processes can be sent it."""
+
+    models: tuple[Metamodel, ...]
+
+    def __call__(self, design_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.column_stack([model.predict(design_mm) for model in self.models])
+
+
+@dataclass(frozen=True, eq=False)
+class _Printed:
+    """Polynomials a response; no closure, likewise."""
+
+    power_a: NDArray[np.float64]
+    power_b: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+    def __call__(self, design_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         PAPER_DOMAIN.require_inside(design_mm)
         a, b = design_mm.T
-        return (a[:, None] ** power_a * b[:, None] ** power_b) @ weights
-
-    return Responses(objectives, PAPER_DOMAIN)
+        return (a[:, None] ** self.power_a * b[:, None] ** self.power_b) @ self.weights

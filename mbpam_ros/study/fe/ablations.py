@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
-from mbpam_ros.study.fe.design_run import MESHES, Run, nominal_values, settings
-from mbpam_ros.study.fe.job_queue import ResultFile, run_jobs
+from mbpam_ros.study.fe.design_run import MESHES, NO_EQUILIBRIUM, S_PER_JOB, Run, nominal_values, settings
 from mbpam_ros.study.fe.material import Silicone
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
 from mbpam_ros.study.fe.paper_comparison import PaperPoint
 from mbpam_ros.study.fe.posture import SILICONE_DENSITY_KG_M3, weight_n_mm
-from mbpam_ros.study.progress_bar import ProgressBar
+from mbpam_ros.study.jobs import ResultFile, run_jobs
+from mbpam_ros.terminal import Progress
 
 SPREAD_POINTS = ("table_1:1", "table_1:3", "table_1:9", "table_1:14", "table_1:21", "table_2:1")
 """The initial design and five toward the domain's corners: enough to tell variants apart."""
@@ -93,9 +93,7 @@ def variant_row(variant: str, run: Run, point: PaperPoint) -> dict[str, object]:
     }
 
 
-def ablations(
-    template: Run, path: Path, executor: Executor, progress: ProgressBar, points: Sequence[PaperPoint]
-) -> dict:
+def ablations(template: Run, path: Path, executor: Executor, progress: Progress, points: Sequence[PaperPoint]) -> dict:
     """Run all variants at ``points`` and return their errors.
 
     ``path`` is kept up to date; what it holds from the same settings is not run again.
@@ -107,7 +105,9 @@ def ablations(
     wanted = {"template": settings(template), "variants": {name: asdict(run) for name, run in runs.items()}}
     results = ResultFile(path, wanted, "runs", lambda row: row["job"])
     jobs = {_name(name, point.source): (name, run, point) for name, run in runs.items() for point in points}
-    failures = run_jobs(jobs, variant_row, results, executor, progress, _row_text)
+    failures = run_jobs(
+        jobs, variant_row, results, executor, progress, _row_text, failing=NO_EQUILIBRIUM, s_per_job=S_PER_JOB
+    )
     rows = [results.rows[job] for job in jobs if job in results.rows]
     summary = []
     for name in runs:

@@ -13,11 +13,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from mbpam_ros.study.fe.blocked_muscle import blocked_force_n
-from mbpam_ros.study.fe.design_run import Run, nominal_values, settings
-from mbpam_ros.study.fe.job_queue import ResultFile, run_jobs
+from mbpam_ros.study.fe.design_run import NO_EQUILIBRIUM, S_PER_JOB, Run, nominal_values, settings
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.fe.paper_comparison import INITIAL_A_MM, INITIAL_B_MM, paper_points
-from mbpam_ros.study.progress_bar import ProgressBar
+from mbpam_ros.study.jobs import ResultFile, run_jobs
+from mbpam_ros.terminal import Progress
 
 LEVELS = {"a": (1.5, 2.5, 3.5), "b": (1.0, 2.0, 3.0), "c": (1.0, 2.0, 3.0), "n": (6.0, 10.0, 14.0)}
 """Lengths in mm. The ranges of section 3.2; the levels within them are our reading of "three levels"."""
@@ -47,7 +47,7 @@ def trend(values: Sequence[float]) -> str:
     return ", then ".join("rises" if up else "falls" for up in turns)
 
 
-def effects(template: Run, path: Path, executor: Executor, progress: ProgressBar) -> dict:
+def effects(template: Run, path: Path, executor: Executor, progress: Progress) -> dict:
     """Run all levels and return the designs, and each trend beside the paper's.
 
     ``path`` is kept up to date; designs that it holds from the same settings are not run again.
@@ -64,7 +64,9 @@ def effects(template: Run, path: Path, executor: Executor, progress: ProgressBar
     }
     jobs = {_name(geometry): (replace(template, geometry=geometry),) for geometry in designs.values()}
     results = ResultFile(path, settings(template), "runs", lambda row: row["design"])
-    failures = run_jobs(jobs, design_row, results, executor, progress, _row_text)
+    failures = run_jobs(
+        jobs, design_row, results, executor, progress, _row_text, failing=NO_EQUILIBRIUM, s_per_job=S_PER_JOB
+    )
     rows = []
     for (parameter, level), geometry in designs.items():
         if _name(geometry) in results.rows:

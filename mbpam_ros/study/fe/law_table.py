@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mbpam_ros.study.fe.design_run import Run, settings
-from mbpam_ros.study.fe.job_queue import ResultFile, run_jobs
+from mbpam_ros.study.fe.design_run import NO_EQUILIBRIUM, S_PER_JOB, Run, settings
 from mbpam_ros.study.fe.law import BendingLaw
 from mbpam_ros.study.fe.mesh import PATTERNS
 from mbpam_ros.study.fe.solve import LoadStepError
-from mbpam_ros.study.progress_bar import ProgressBar
+from mbpam_ros.study.jobs import ResultFile, run_jobs
+from mbpam_ros.terminal import Progress
 
 BENDS_DEG = tuple(range(-60, 181, 30))
 PRESSURES_KPA = tuple(range(0, 121, 10))
@@ -54,7 +54,7 @@ def law_at_pressure(run: Run, pressure_kpa: float, bends_deg: Sequence[float]) -
     }
 
 
-def law_table(run: Run, path: Path, executor: Executor, progress: ProgressBar) -> dict:
+def law_table(run: Run, path: Path, executor: Executor, progress: Progress) -> dict:
     """Return M, V and stretch over pressure and bend for PDC and PSC, with the straight line through each.
 
     ``path`` is kept up to date; pressures that it holds from the same settings are not run again.
@@ -69,7 +69,9 @@ def law_table(run: Run, path: Path, executor: Executor, progress: ProgressBar) -
         for pressure in PRESSURES_KPA:
             job = replace(run, pattern=pattern), float(pressure), BENDS_DEG
             jobs[_name({"pattern": pattern, "p_kpa": pressure})] = job
-    failures = run_jobs(jobs, law_at_pressure, results, executor, progress, _name)
+    failures = run_jobs(
+        jobs, law_at_pressure, results, executor, progress, _name, failing=NO_EQUILIBRIUM, s_per_job=S_PER_JOB
+    )
     return results.write(list(jobs), failures=failures)
 
 

@@ -14,12 +14,20 @@ from pathlib import Path
 import numpy as np
 
 from mbpam_ros.actuator.tables import read_table
-from mbpam_ros.study.fe.design_run import NOMINAL_KPA, Run, bend_curve, nominal_values, settings
-from mbpam_ros.study.fe.job_queue import ResultFile, run_jobs
+from mbpam_ros.study.fe.design_run import (
+    NO_EQUILIBRIUM,
+    NOMINAL_KPA,
+    S_PER_JOB,
+    Run,
+    bend_curve,
+    nominal_values,
+    settings,
+)
 from mbpam_ros.study.fe.mesh import PATTERNS
 from mbpam_ros.study.fe.muscle_shape import MuscleShape, muscle_shapes
 from mbpam_ros.study.fe.pictures import draw_curves, draw_muscles, draw_parity, draw_sections
-from mbpam_ros.study.progress_bar import ProgressBar
+from mbpam_ros.study.jobs import ResultFile, run_jobs
+from mbpam_ros.terminal import Progress
 
 INITIAL_A_MM, INITIAL_B_MM = 2.5, 2.0
 """The paper's initial design: not stated, but its gains come back with these (``config/data/README.md``)."""
@@ -97,28 +105,28 @@ def error_summary(rows: Iterable[dict]) -> dict[str, dict[str, float]]:
 
 
 def compare_with_paper(
-    template: Run, path: Path, executor: Executor, progress: ProgressBar, points: Sequence[PaperPoint]
+    template: Run, path: Path, executor: Executor, progress: Progress, points: Sequence[PaperPoint]
 ) -> dict:
     """Run all points and keep ``path`` up to date; points that it holds from the same settings are not run again.
 
     Args:
         template: all but a, b and the pattern.
-        executor: see :func:`~mbpam_ros.study.fe.job_queue.run_jobs`.
+        executor: see :func:`~mbpam_ros.study.jobs.run_jobs`.
 
     Raises:
         ResultFileError: ``path`` is no file of this command.
     """
     results = ResultFile(path, settings(template), "points", lambda row: row["source"])
     jobs = {point.source: (point, template) for point in points}
-    failures = run_jobs(jobs, point_row, results, executor, progress, _row_text)
+    failures = run_jobs(
+        jobs, point_row, results, executor, progress, _row_text, failing=NO_EQUILIBRIUM, s_per_job=S_PER_JOB
+    )
     wanted = [point.source for point in points]
     rows = [results.rows[source] for source in wanted if source in results.rows]
     return results.write(wanted, errors=error_summary(rows), failures=failures)
 
 
-def draw_comparison(
-    template: Run, comparison: dict, path: Path, executor: Executor, progress: ProgressBar
-) -> list[Path]:
+def draw_comparison(template: Run, comparison: dict, path: Path, executor: Executor, progress: Progress) -> list[Path]:
     """Draw sections, muscles, curves and parity beside ``path``; return the pictures' paths.
 
     The bend curves are kept in a JSON file of their own, the shapes of the muscles are not kept.
@@ -150,10 +158,19 @@ def curve_row(run: Run, pressures_kpa: Sequence[float]) -> dict[str, object]:
     return {"pattern": run.pattern, **bend_curve(run, pressures_kpa)}
 
 
-def _curves(runs: Sequence[Run], path: Path, executor: Executor, progress: ProgressBar) -> list[dict]:
+def _curves(runs: Sequence[Run], path: Path, executor: Executor, progress: Progress) -> list[dict]:
     results = ResultFile(path, settings(runs[0]), "curves", lambda row: row["pattern"])
     jobs = {run.pattern: (run, CURVE_KPA) for run in runs}
-    run_jobs(jobs, curve_row, results, executor, progress, lambda row: f"bend curve {row['pattern']}")
+    run_jobs(
+        jobs,
+        curve_row,
+        results,
+        executor,
+        progress,
+        lambda row: f"bend curve {row['pattern']}",
+        failing=NO_EQUILIBRIUM,
+        s_per_job=S_PER_JOB,
+    )
     return results.write(list(jobs))["curves"]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,12 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.fe.muscle_shape import MuscleShape
+from mbpam_ros.study.pictures import new_figure, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 PATTERN_COLOURS = {"pdc": "#1f77b4", "psc": "#d62728"}
 PATTERN_NAMES = {"pdc": "two chambers (PDC)", "psc": "one chamber (PSC)"}
@@ -29,23 +27,9 @@ LIGHT = np.array([0.35, -0.75, 0.56])  # toward the light, for a viewer who look
 _DPI = 130
 
 
-class PictureError(MbpamError, RuntimeError):
-    """The pictures cannot be drawn."""
-
-
-def require_matplotlib() -> None:
-    """Check that pictures can be drawn.
-
-    Raises:
-        PictureError: matplotlib is not installed.
-    """
-    if importlib.util.find_spec("matplotlib") is None:
-        raise PictureError("no pictures without matplotlib: pip install 'mbpam_ros[fem]'")
-
-
 def draw_sections(shapes: Sequence[MuscleShape], path: Path) -> None:
     """Draw the cell's mesh on its crest and valley planes at rest and under pressure, one row a pattern."""
-    figure = _figure(13.0, 3.5 * len(shapes) + 0.4)
+    figure = new_figure(13.0, 3.5 * len(shapes) + 0.4)
     axes = figure.subplots(len(shapes), 4, squeeze=False, sharex=True, sharey=True)
     for row, shape in zip(axes, shapes, strict=True):
         for column, (plane, moment) in enumerate((p, m) for p in ("crest", "valley") for m in (0, 1)):
@@ -60,7 +44,7 @@ def draw_sections(shapes: Sequence[MuscleShape], path: Path) -> None:
     for axis in axes[-1]:
         axis.set_xlabel("x in the bending plane [mm]")
     figure.suptitle("Sections of the unit cell at mid length (dotted: crest at rest); the muscle bends toward -x")
-    figure.savefig(path, dpi=_DPI)
+    save_figure(figure, path, _DPI)
 
 
 def draw_muscles(series: Sequence[Sequence[MuscleShape]], path: Path) -> None:
@@ -68,7 +52,7 @@ def draw_muscles(series: Sequence[Sequence[MuscleShape]], path: Path) -> None:
     from matplotlib import colormaps, colors
     from matplotlib.cm import ScalarMappable
 
-    figure = _figure(6.2 * len(series) + 0.8, 6.4)
+    figure = new_figure(6.2 * len(series) + 0.8, 6.4)
     axes = figure.subplots(1, len(series), squeeze=False, sharey=True)[0]
     highest = max(np.quantile(shape.stretch, 0.999) for shapes in series for shape in shapes)
     scale = colors.Normalize(1.0, float(highest))
@@ -99,7 +83,7 @@ def draw_muscles(series: Sequence[Sequence[MuscleShape]], path: Path) -> None:
     figure.suptitle(
         "The muscle in the paper's posture: base down, weight on (unit cells chained; straight ends in grey)"
     )
-    figure.savefig(path, dpi=_DPI)
+    save_figure(figure, path, _DPI)
 
 
 def draw_curves(curves: Sequence[dict], references: Sequence[tuple[str, float, float, str]], path: Path) -> None:
@@ -109,7 +93,7 @@ def draw_curves(curves: Sequence[dict], references: Sequence[tuple[str, float, f
         curves: each with ``pattern``, ``p_kpa`` and ``theta_deg``.
         references: values to compare with: pattern, pressure [kPa], bend [deg], what it is.
     """
-    figure = _figure(7.5, 5.2)
+    figure = new_figure(7.5, 5.2)
     axis = figure.subplots()
     for curve in curves:
         colour, name = PATTERN_COLOURS[curve["pattern"]], PATTERN_NAMES[curve["pattern"]]
@@ -125,7 +109,7 @@ def draw_curves(curves: Sequence[dict], references: Sequence[tuple[str, float, f
     axis.set_ylim(bottom=0.0)
     axis.grid(alpha=0.3)
     axis.legend(loc="upper left")
-    figure.savefig(path, dpi=_DPI)
+    save_figure(figure, path, _DPI)
 
 
 def draw_parity(rows: Sequence[dict], errors: dict[str, dict[str, float]], path: Path) -> None:
@@ -135,7 +119,7 @@ def draw_parity(rows: Sequence[dict], errors: dict[str, dict[str, float]], path:
         rows: with ``source``, and ``theta_deg``, ``force_n`` of the paper and ``fe_theta_deg``, ``fe_force_n`` of ours.
         errors: of :func:`~mbpam_ros.study.fe.paper_comparison.error_summary`.
     """
-    figure = _figure(12.0, 5.8)
+    figure = new_figure(12.0, 5.8)
     panels = figure.subplots(1, 2)
     quantities = (("theta", "theta_deg", "bend at 100 kPa [deg]"), ("force", "force_n", "blocked force at 100 kPa [N]"))
     for axis, (quantity, column, name) in zip(panels, quantities, strict=True):
@@ -166,7 +150,7 @@ def draw_parity(rows: Sequence[dict], errors: dict[str, dict[str, float]], path:
         axis.set_ylabel("this finite element model")
         axis.grid(alpha=0.3)
         axis.legend(loc="upper left", fontsize=9)
-    figure.savefig(path, dpi=_DPI)
+    save_figure(figure, path, _DPI)
 
 
 def draw_effects(designs: Sequence[dict], path: Path) -> None:
@@ -178,7 +162,7 @@ def draw_effects(designs: Sequence[dict], path: Path) -> None:
             else None.
     """
     parameters = list(dict.fromkeys(design["parameter"] for design in designs))
-    figure = _figure(3.3 * len(parameters), 6.4)
+    figure = new_figure(3.3 * len(parameters), 6.4)
     panels = figure.subplots(2, len(parameters), squeeze=False, sharey="row", sharex="col")
     for column, parameter in enumerate(parameters):
         members = sorted((d for d in designs if d["parameter"] == parameter), key=lambda d: d["level"])
@@ -203,7 +187,7 @@ def draw_effects(designs: Sequence[dict], path: Path) -> None:
     for axis in panels.ravel():
         axis.set_ylim(bottom=0.0)
     figure.suptitle("Effect of each parameter, two chambers, the others at the initial design")
-    figure.savefig(path, dpi=_DPI)
+    save_figure(figure, path, _DPI)
 
 
 def draw_ablations(variants: Sequence[dict], path: Path) -> None:
@@ -212,7 +196,7 @@ def draw_ablations(variants: Sequence[dict], path: Path) -> None:
     Args:
         variants: with ``name``, ``points``, ``theta_rms_pct``, ``theta_mean_pct``, ``force_rms_pct``.
     """
-    figure = _figure(10.0, 0.42 * len(variants) + 1.6)
+    figure = new_figure(10.0, 0.42 * len(variants) + 1.6)
     axis = figure.subplots()
     place = np.arange(len(variants))[::-1]
     axis.barh(place + 0.2, [v["theta_rms_pct"] for v in variants], 0.38, color="#1f77b4", label="bend, rms")
@@ -227,13 +211,7 @@ def draw_ablations(variants: Sequence[dict], path: Path) -> None:
     axis.set_title("What each choice does to the error at 100 kPa")
     axis.grid(axis="x", alpha=0.3)
     axis.legend(fontsize=9)
-    figure.savefig(path, dpi=_DPI)
-
-
-def _figure(width: float, height: float) -> Figure:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
+    save_figure(figure, path, _DPI)
 
 
 def _draw_section(axis: Axes, faces: NDArray[np.float64], colour: str | None) -> None:

@@ -1,4 +1,4 @@
-"""Command ``python -m mbpam_ros.study.fe.unequal_pressures --json FILE``: unit cells with unequal chamber pressures.
+"""Unit cells with unequal chamber pressures.
 
 What the run-time blend (:mod:`~mbpam_ros.actuator.rod_law`) is measured against: for several ratios of the four
 pressures, the moment M0 that holds the section straight and the free bend of the active length, both as vectors in the
@@ -9,21 +9,21 @@ is given, bending along the diagonals at azimuth 45 and 135 deg.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.study.announcement import announce
-from mbpam_ros.study.fe.design_run import Run, settings
+from mbpam_ros.study.fe.design_run import NO_EQUILIBRIUM, Run, settings
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.fe.unit_cell import CellState, UnitCell
+from mbpam_ros.study.jobs import ResultFile, run_jobs
 from mbpam_ros.study.result_file import write_json
+from mbpam_ros.terminal import Progress
 
 PRESSURES_KPA = (60.0, 80.0, 100.0)
 SHARES = (
@@ -45,7 +45,7 @@ SHARES = (
 """Pressures of chambers 1 to 4 over the largest one."""
 
 _SMALL_ANGLE_RAD = 1e-3
-_S_PER_SET = 10.0
+S_PER_SET = 10.0
 
 
 @dataclass(frozen=True)
@@ -130,25 +130,37 @@ def _cell(run: Run, pattern: str, shares: dict[int, float]) -> UnitCell:
     return UnitCell(run.geometry, pattern, run.resolution, run.silicone, shares=shares)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status."""
-    parser = argparse.ArgumentParser("unequal_pressures", description=__doc__.split("\n\n")[0])
-    parser.add_argument("--json", type=Path, metavar="FILE", required=True)
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    options = parser.parse_args(arguments)
+def unequal_set(run: Run, shares: Sequence[float]) -> dict[str, object]:
+    """Return :func:`unequal_rows` of one set of pressures, with the set."""
+    return {"shares": list(shares), "rows": unequal_rows(run, shares)}
+
+
+def unequal_table(path: Path, executor: Executor, progress: Progress) -> dict:
+    """Run all sets of :data:`SHARES` and return their rows.
+
+    The finished sets are kept in a file beside ``path``, from which the next call goes on.
+
+    Raises:
+        ResultFileError: that is no file of this command.
+    """
     run = Run(CellGeometry(), "psc")
-    announce(f"{len(SHARES)} sets of pressures", _S_PER_SET * len(SHARES) / max(options.workers, 1))
-    with ProcessPoolExecutor(options.workers) as executor:
-        futures = [executor.submit(unequal_rows, run, shares) for shares in SHARES]
-        rows = []
-        for number, (shares, future) in enumerate(zip(SHARES, futures, strict=True), start=1):
-            rows += future.result()
-            print(f"[{number}/{len(SHARES)}] {shares}: {rows[-1]}", flush=True)
-    design = {"a_mm": run.geometry.a_mm, "b_mm": run.geometry.b_mm}
-    content = {"settings": {**settings(run), "design": design}, "rows": rows}
-    write_json(options.json, content)
-    return 0
+    wanted = {**settings(run), "design": {"a_mm": run.geometry.a_mm, "b_mm": run.geometry.b_mm}}
+    results = ResultFile(path.with_name(f"{path.stem}_sets.json"), wanted, "sets", lambda row: _name(row["shares"]))
+    jobs = {_name(shares): (run, shares) for shares in SHARES}
+    failures = run_jobs(
+        jobs,
+        unequal_set,
+        results,
+        executor,
+        progress,
+        lambda row: f"{_name(row['shares'])}: {row['rows'][-1]}",
+        failing=NO_EQUILIBRIUM,
+        s_per_job=S_PER_SET,
+    )
+    rows = [row for name in jobs if name in results.rows for row in results.rows[name]["rows"]]
+    write_json(path, {"settings": wanted, "rows": rows})
+    return {"rows": rows, "failures": failures}
 
 
-if __name__ == "__main__":
-    raise SystemExit(main())
+def _name(shares: Sequence[float]) -> str:
+    return ", ".join(f"{share:g}" for share in shares)

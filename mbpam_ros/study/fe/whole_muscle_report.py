@@ -1,29 +1,21 @@
-"""Command ``python -m mbpam_ros.study.fe.whole_muscle_report``: what the whole muscle does at 100 kPa.
+"""What the whole muscle does at 100 kPa.
 
-    whole_muscle_report --json FILE                       every study
-    whole_muscle_report --json FILE --study plate         one of them: unit_cell, ends, plate, mesh
-    whole_muscle_report --json FILE --pictures DIR        and pictures of the deformed muscles, with matplotlib
-
-``unit_cell`` sets the weightless muscle beside as many unit cells; ``ends`` compares end pieces under gravity;
+Study ``unit_cell`` sets the weightless muscle beside as many unit cells; ``ends`` compares end pieces under gravity;
 ``plate`` blocks the tip by a plate, with and without friction and weight, and for three thicknesses b of the cross;
-``mesh`` refines the elements. A muscle takes minutes. FILE is kept up to date, and muscles that it holds are not run
-again.
+``mesh`` refines the elements.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from mbpam_ros.study.announcement import announce
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
 from mbpam_ros.study.fe.muscle_mesh import EndPieces
 from mbpam_ros.study.fe.plate_contact import STICKING, Plate
@@ -31,7 +23,9 @@ from mbpam_ros.study.fe.solve import LoadStepError
 from mbpam_ros.study.fe.unit_cell import UnitCell
 from mbpam_ros.study.fe.versions import library_versions
 from mbpam_ros.study.fe.whole_muscle import MuscleState, WholeMuscle
-from mbpam_ros.study.result_file import write_json
+from mbpam_ros.study.jobs import ResultFile, run_jobs
+from mbpam_ros.study.pictures import new_figure, save_figure
+from mbpam_ros.terminal import Progress
 
 _S_PER_MUSCLE = 200.0
 NOMINAL_MPA = 0.1
@@ -190,24 +184,36 @@ def unit_cells_deg(case: Case) -> float:
     return math.degrees(cell.free_bend(NOMINAL_MPA).angle_rad) * cell.angle_per_muscle
 
 
-def run_studies(names: Iterable[str], path: Path, report: Callable[[str], None]) -> dict:
-    """Run all cases of the studies and keep ``path`` up to date; cases that it holds are not run again.
+def cases_of(names: Iterable[str]) -> dict[str, Case]:
+    """Return all cases of studies, by name."""
+    return {name: case for study in names for name, case in STUDIES[study]().items()}
+
+
+def case_row(name: str, case: Case) -> dict:
+    """Return :func:`run_case`, beside as many unit cells where the muscle is free and weightless."""
+    row = run_case(name, case)
+    if case.gravity_factor == 0.0 and case.friction is None:
+        row["unit_cells_deg"] = unit_cells_deg(case)
+    return row
+
+
+def run_studies(names: Iterable[str], path: Path, executor: Executor, progress: Progress) -> list[dict]:
+    """Run all cases of the studies and keep ``path`` up to date; return every muscle that it then holds.
+
+    What it holds, also of other studies, is not run again.
 
     Raises:
-        ValueError: ``path`` is no result of this command.
+        ResultFileError: ``path`` is no result of this command.
     """
-    rows = {row["name"]: row for row in _finished(path)}
-    for study in names:
-        for name, case in STUDIES[study]().items():
-            if name in rows and rows[name]["case"] == asdict(case):
-                continue
-            row = run_case(name, case)
-            if case.gravity_factor == 0.0 and case.friction is None:
-                row["unit_cells_deg"] = unit_cells_deg(case)
-            rows[name] = row
-            write_json(path, {"versions": library_versions(), "muscles": list(rows.values())})
-            report(row_text(row))
-    return {"muscles": list(rows.values())}
+    results = ResultFile(path, {"versions": library_versions()}, "muscles", lambda row: row["name"])
+    cases = cases_of(names)
+    for name, case in cases.items():
+        if name in results.rows and results.rows[name]["case"] != asdict(case):
+            del results.rows[name]
+    jobs = {name: (name, case) for name, case in cases.items()}
+    held = {name: () for name in results.rows if name not in jobs}
+    run_jobs({**held, **jobs}, case_row, results, executor, progress, row_text, s_per_job=_S_PER_MUSCLE)
+    return list(results.write([*held, *jobs])["muscles"])
 
 
 def row_text(row: dict) -> str:
@@ -225,16 +231,13 @@ def draw(rows: Sequence[dict], folder: Path) -> list[Path]:
     """Write pictures of the deformed cuts, of sections and of the curves; return their paths.
 
     Raises:
-        ModuleNotFoundError: matplotlib is not installed.
+        PictureError: matplotlib is not installed, or a file cannot be written.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.collections import PolyCollection
-    from matplotlib.figure import Figure
-
     columns = min(4, len(rows))
     grid = math.ceil(len(rows) / columns), columns
-    shapes = Figure(figsize=(4 * columns, 4.5 * grid[0]), layout="constrained")
-    sections = Figure(figsize=(4 * columns, 3.5 * grid[0]), layout="constrained")
+    shapes, sections = (new_figure(4 * columns, height * grid[0]) for height in (4.5, 3.5))
+    from matplotlib.collections import PolyCollection
+
     for index, row in enumerate(rows):
         axes = shapes.add_subplot(*grid, index + 1)
         axes.add_collection(PolyCollection(row["cut_mm"], facecolor="tab:gray", edgecolor="k", linewidth=0.15))
@@ -251,7 +254,7 @@ def draw(rows: Sequence[dict], folder: Path) -> list[Path]:
         for drawn in (axes, flat):
             drawn.set_aspect("equal")
             drawn.autoscale_view()
-    curves = Figure(figsize=(11, 4.5), layout="constrained")
+    curves = new_figure(11, 4.5)
     theta, force = curves.subplots(1, 2)
     for row in rows:
         blocked = row["case"]["friction"] is not None
@@ -264,33 +267,11 @@ def draw(rows: Sequence[dict], folder: Path) -> list[Path]:
         axes.grid(True)
         if axes.lines:
             axes.legend(fontsize="small")
-    folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for name, figure in (("shapes", shapes), ("sections", sections), ("curves", curves)):
         paths.append(folder / f"whole_muscle_{name}.png")
-        FigureCanvasAgg(figure).print_figure(paths[-1], dpi=110)
+        save_figure(figure, paths[-1])
     return paths
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status."""
-    parser = argparse.ArgumentParser(prog="whole_muscle_report", description=__doc__.split("\n")[0])
-    parser.add_argument("--json", type=Path, required=True, metavar="FILE", help="result, kept up to date")
-    parser.add_argument("--study", choices=sorted(STUDIES), action="append", help="one study; may be repeated")
-    parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw the muscles that the result holds")
-    options = parser.parse_args(arguments)
-    try:
-        studies = options.study or STUDIES
-        muscles = sum(len(STUDIES[study]()) for study in studies)
-        announce(f"{muscles} muscles, less those that {options.json} holds", _S_PER_MUSCLE * muscles)
-        result = run_studies(studies, options.json, lambda text: print(text, flush=True))
-        if options.pictures:
-            for path in draw(result["muscles"], options.pictures):
-                print(path)
-    except (ValueError, OSError, ModuleNotFoundError) as error:
-        print(f"whole_muscle_report: {error}", file=sys.stderr)
-        return 1
-    return 0
 
 
 def _cut(muscle: WholeMuscle, state: MuscleState) -> np.ndarray:
@@ -320,17 +301,3 @@ def _sections(muscle: WholeMuscle, state: MuscleState) -> list[np.ndarray]:
         quads = np.stack([along[faces], state.positions_mm[faces, 1]], axis=-1)
         found.append(quads - (quads[..., 0].mean(), 0.0))
     return found
-
-
-def _finished(path: Path) -> list[dict]:
-    if not path.exists():
-        return []
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        return found["muscles"] if found["versions"] == library_versions() else []
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{path} exists and is no result of this command; give another file") from error
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

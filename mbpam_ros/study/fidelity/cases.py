@@ -31,7 +31,7 @@ class Case:
 
     Args:
         name: as in the table.
-        scene: what is there; how it is computed is not its business here.
+        scene: what is there.
         setpoint_gauge_pa: pressures at a share of one, shape (16,).
         shares: (time [s], share) of the set-points, straight lines between.
         rest_s: instants at which all is at rest.
@@ -73,12 +73,12 @@ def _unequal() -> Array:
 
 
 def _free(name: str, setpoint_pa: Array) -> Case:
-    return Case(name, load_scene("empty"), setpoint_pa, _RAMP, (_FREE_REST_S,), (0.0, _FREE_REST_S))
+    return Case(name, load_scene("empty")[0], setpoint_pa, _RAMP, (_FREE_REST_S,), (0.0, _FREE_REST_S))
 
 
 def _grasp(name: str, scene_name: str, full_pa: float = FULL_PA) -> Case:
     """Close upon an object, and lift it: what a step does to friction shows only under its weight."""
-    scene = load_scene(scene_name)
+    scene, _ = load_scene(scene_name)
     if scene.object is None:
         raise ConfigError(f"scene {scene_name}: nothing to grasp")
     setpoints = _closing(scene.object.expected_mode, full_pa)
@@ -100,7 +100,7 @@ def all_cases() -> tuple[Case, ...]:
     return (
         _free("free_bend", _opening()),
         _free("unequal_pressures", _unequal()),
-        Case("fast_release", load_scene("empty"), _opening(), release, (1.5, 3.0), (1.5, 3.0)),
+        Case("fast_release", load_scene("empty")[0], _opening(), release, (1.5, 3.0), (1.5, 3.0)),
         _grasp("sphere", "bulb"),
         _grasp("slender_rod", "tube"),
         _grasp("box", "carton"),

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mbpam_ros.errors import MbpamError
 from mbpam_ros.plant.fidelity import Measured
+from mbpam_ros.study.pictures import new_figure, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,10 +24,6 @@ _COLOURS = {
 _MARKERS = {"ideal": "^", "lag": "s", "iso6358": "o"}
 _FINEST_S, _SMALLEST_PT2 = 0.0005, 14.0
 _CPU_TICKS = (10, 20, 30, 50, 100, 200, 300, 500, 1000)
-
-
-class PictureError(MbpamError, RuntimeError):
-    """The picture cannot be drawn or written; the message says why."""
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -51,13 +47,10 @@ def draw_trade(rows: Sequence[Measured], reference: Mapping[str, Mapping[str, fl
     Raises:
         PictureError: matplotlib is not installed, or the file cannot be written.
     """
-    try:
-        from matplotlib.figure import Figure
-        from matplotlib.lines import Line2D
-    except ImportError as error:
-        raise PictureError("pictures need matplotlib: pip install 'mbpam_ros[study]'") from error
     scenes = list(dict.fromkeys(row.scene for row in rows))
-    figure = Figure(figsize=(max(3.0 * len(scenes), 12.0), 8.0), layout="constrained")
+    figure = new_figure(max(3.0 * len(scenes), 12.0), 8.0)
+    from matplotlib.lines import Line2D
+
     panels = figure.subplots(2, len(scenes), sharey="row", squeeze=False)
     for panel_row, (key, check, when) in zip(panels, _ERRORS, strict=True):
         for axis, scene in zip(panel_row, scenes, strict=True):
@@ -76,11 +69,7 @@ def draw_trade(rows: Sequence[Measured], reference: Mapping[str, Mapping[str, fl
         Line2D([], [], color="none", label="larger markers: longer steps"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=90)
-    except (OSError, ValueError) as error:  # matplotlib raises ValueError for an unknown suffix
-        raise PictureError(f"cannot write {path}: {error}") from error
+    save_figure(figure, path, dpi=90)
 
 
 def _draw_panel(axis: Axes, rows: Sequence[Measured], key: str, converged_pct: float | None) -> None:

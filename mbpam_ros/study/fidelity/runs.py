@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.fidelity import Fidelity
-from mbpam_ros.plant.planner import at_fidelity
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.study.fidelity.cases import Case
 
@@ -65,7 +64,7 @@ def run(case: Case, fidelity: Fidelity, gripper: Gripper, calls_per_tick: int = 
         TierError: the tier cannot compute what the scene holds.
         PlantDivergedError: the step is too large for this tier here.
     """
-    plant = build_plant(at_fidelity(case.scene, fidelity), gripper)
+    plant = build_plant(case.scene, fidelity, gripper)
     seen, cpu_s = [plant.observe()], 0.0
     for tick in range(round(case.duration_s / TICK_S)):
         if case.lift_s is not None and tick == round(case.lift_s / TICK_S):
@@ -94,5 +93,5 @@ def run_reference(case: Case, gripper: Gripper) -> Record:
 
 def run_coarser_reference(case: Case, gripper: Gripper) -> Record:
     """Run a case with one mode less and steps twice as long; the change says how far the reference is converged."""
-    coarser = dataclasses.replace(REFERENCE, modes=REFERENCE.modes - 1, step_s=2.0 * REFERENCE.step_s)
+    coarser = dataclasses.replace(REFERENCE, modes=REFERENCE.modes - 1, sub_step_s=2.0 * REFERENCE.sub_step_s)
     return run(case, coarser, gripper, _REFERENCE_CALLS_PER_TICK // 2)

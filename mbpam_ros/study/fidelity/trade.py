@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
 
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.fidelity import Fidelity, Measured
-from mbpam_ros.plant.tiers import PlantDivergedError
+from mbpam_ros.plant.tiers.base import PlantDivergedError
+from mbpam_ros.study.fidelity.boundary_value import boundary_value_error_pct
 from mbpam_ros.study.fidelity.cases import Case
 from mbpam_ros.study.fidelity.errors import Errors, errors
-from mbpam_ros.study.fidelity.runs import TICK_S, Record, run
+from mbpam_ros.study.fidelity.runs import TICK_S, Record, run, run_coarser_reference, run_reference
+from mbpam_ros.study.jobs import ResultFile, as_they_end, run_jobs
+from mbpam_ros.terminal import Progress
 
 PNEUMATICS = ("ideal", "lag", "iso6358")
 STEPS_S = (0.0005, 0.001, 0.002, 0.005, 0.01)
@@ -38,48 +45,176 @@ def can_run(case: Case, fidelity: Fidelity) -> bool:
     return fidelity.tier != "static" or case.scene.object is None
 
 
-def measure(
-    case: Case,
-    grid: Sequence[Fidelity],
-    reference: Record,
-    gripper: Gripper,
-    repeats: int,
-    ended: Callable[[str], None],
-) -> list[Measured]:
-    """Return the rows of a case; a fidelity that diverges has none, and ``ended`` is told so.
-
-    CPU times are medians of ``repeats`` rounds through the whole grid: what else the machine does in the meantime then
-    falls upon all of them alike.
+@dataclass(frozen=True)
+class Trade:
+    """What the trade measures.
 
     Args:
-        ended: called with a line of text after each run.
+        cases: what is run.
+        grid: the fidelities; those that cannot run a case are left out for it.
+        rounds: through a case's grid. CPU times are their medians: what else the machine does then falls upon all
+            fidelities alike.
+        coarse: whether the reference is the coarser one, whose own convergence is not looked at.
     """
-    run(case, grid[-1], gripper)  # compiles what is not yet
-    off: dict[Fidelity, Errors] = {}
-    costs: dict[Fidelity, list[float]] = {fidelity: [] for fidelity in grid}
-    for fidelity in (*grid,) * repeats:
-        name = f"{case.name}: {fidelity.tier} {fidelity.modes}, {1e3 * fidelity.step_s:g} ms, {fidelity.pneumatics}"
-        try:
-            record = run(case, fidelity, gripper)
-        except PlantDivergedError as error:
-            ended(f"{name}: {error}")
-            continue
-        costs[fidelity].append(record.cpu_ms_per_s)
-        off[fidelity] = errors(case, record, reference, gripper.geometry.active_length_m)
-        ended(f"{name}: {off[fidelity]}, {record.cpu_ms_per_s:.0f} ms/s")
-    return [_row(case, fidelity, found, costs[fidelity]) for fidelity, found in off.items()]
+
+    cases: tuple[Case, ...]
+    grid: tuple[Fidelity, ...]
+    rounds: int
+    coarse: bool = False
+
+    def fidelities(self, case: Case) -> list[Fidelity]:
+        """Return those that can run a case."""
+        return [fidelity for fidelity in self.grid if can_run(case, fidelity)]
+
+    def runs(self) -> dict[str, Run]:
+        """Return each run by name, round by round through each case."""
+        return {
+            f"{_name(case, each)}, round {turn}": Run(case, each)
+            for case in self.cases
+            for turn in range(1, self.rounds + 1)
+            for each in self.fidelities(case)
+        }
 
 
-def _row(case: Case, fidelity: Fidelity, off: Errors, costs_ms_per_s: Sequence[float]) -> Measured:
+class Run(NamedTuple):
+    """One run."""
+
+    case: Case
+    fidelity: Fidelity
+
+
+Reference: TypeAlias = tuple[Record, dict[str, float]]
+"""A converged run, and how far it is converged."""
+
+
+def reference_of(case: Case, gripper: Gripper, coarse: bool) -> Reference:
+    """Return the reference of a case with its check, which is empty for the coarser one.
+
+    Raises:
+        BoundaryValueError: the problem that it is checked against was not solved.
+    """
+    if coarse:
+        return run_coarser_reference(case, gripper), {}
+    reference = run_reference(case, gripper)
+    return reference, reference_check(case, reference, gripper)
+
+
+def reference_check(case: Case, reference: Record, gripper: Gripper) -> dict[str, float]:
+    """Return how far the reference of a case is converged, and how far it is off the boundary-value problem [%].
+
+    Raises:
+        BoundaryValueError: that problem was not solved.
+    """
+    off = errors(case, run_coarser_reference(case, gripper), reference, gripper.geometry.active_length_m)
+    check = {"static_pct": off.static_pct, "transient_pct": off.transient_pct}
+    if off.contact_force_pct is not None:
+        check["contact_force_pct"] = off.contact_force_pct
+    else:
+        check["boundary_value_pct"] = boundary_value_error_pct(case, reference, gripper)
+    return check
+
+
+def run_row(
+    name: str, case: Case, fidelity: Fidelity, finest: Fidelity, reference: Reference, gripper: Gripper
+) -> dict[str, object]:
+    """Return the errors and the CPU time of one run under its name, with the check of the reference.
+
+    Args:
+        finest: is run once before in each process, so that what is not yet compiled is.
+
+    Raises:
+        PlantDivergedError: the step is too large for the tier in this case.
+    """
+    if case.name not in _COMPILED_CASES:
+        run(case, finest, gripper)
+        _COMPILED_CASES.add(case.name)
+    record, (exact, check) = run(case, fidelity, gripper), reference
+    off = errors(case, record, exact, gripper.geometry.active_length_m)
+    return {"job": name, **dataclasses.asdict(off), "cpu_ms_per_s": record.cpu_ms_per_s, "check": check}
+
+
+_COMPILED_CASES: set[str] = set()
+"""By this process."""
+
+
+def measure(
+    trade: Trade, gripper: Gripper, results: ResultFile, executor: Executor, progress: Progress
+) -> tuple[list[Measured], dict[str, dict[str, float]]]:
+    """Return the rows of the table and the checks of the references; a fidelity that diverges has no row.
+
+    ``results`` is kept up to date; runs that it holds are not run again.
+
+    Raises:
+        BoundaryValueError: see :func:`reference_check`.
+        ResultFileError: the file of the results cannot be written.
+    """
+    runs = trade.runs()
+    unfinished = {
+        case.name: (case, gripper, trade.coarse)
+        for case in trade.cases
+        if any(each.case is case and name not in results.rows for name, each in runs.items())
+    }
+    for name in unfinished:
+        progress.say(f"{name}: reference")
+    references: dict[str, Reference] = {}
+    for name, future in as_they_end(unfinished, reference_of, executor, progress):
+        references[name] = future.result()
+        figures = [f"{what.removesuffix('_pct')} {value:.2g} %" for what, value in references[name][1].items()]
+        if figures:
+            progress.say(f"{name}: reference converged to {', '.join(figures)}")
+    jobs = {
+        name: (name, each.case, each.fidelity, trade.fidelities(each.case)[-1], references.get(each.case.name), gripper)
+        for name, each in runs.items()
+    }
+    failures = run_jobs(jobs, run_row, results, executor, progress, _text, failing=(PlantDivergedError,))
+    results.write(list(jobs), failures=failures)
+    rows, checks = [], {}
+    for case in trade.cases:
+        for fidelity in trade.fidelities(case):
+            found = [
+                results.rows[name]
+                for name, each in runs.items()
+                if each.case is case and each.fidelity == fidelity and name in results.rows
+            ]
+            if found:
+                rows.append(_row(case, fidelity, found))
+                checks[case.name] = found[0]["check"]
+    return rows, {name: check for name, check in checks.items() if check}
+
+
+def row_values(row: Measured) -> dict[str, str | float]:
+    """Return a row as JSON has it: to four figures, and without a contact force where nothing touches."""
+    return {
+        name: float(f"{value:.4g}") if isinstance(value, float) else value
+        for name, value in dataclasses.asdict(row).items()
+        if value is not None
+    }
+
+
+def _name(case: Case, fidelity: Fidelity) -> str:
+    step_ms = 1e3 * fidelity.sub_step_s
+    return f"{case.name}: {fidelity.tier} {fidelity.modes}, {step_ms:g} ms, {fidelity.pneumatics}"
+
+
+def _text(row: dict) -> str:
+    return f"{row['job']}: {_errors(row)}, {row['cpu_ms_per_s']:.0f} ms/s"
+
+
+def _errors(row: dict) -> Errors:
+    return Errors(**{field.name: row[field.name] for field in dataclasses.fields(Errors)})
+
+
+def _row(case: Case, fidelity: Fidelity, runs: Sequence[dict]) -> Measured:
+    off = _errors(runs[-1])
     return Measured(
         scene=case.name,
         tier=fidelity.tier,
         modes=fidelity.modes,
-        step_s=fidelity.step_s,
-        pneumatics=fidelity.pneumatics,
+        step_s=fidelity.sub_step_s,
+        pneumatics=str(fidelity.pneumatics),
         static_error_pct=off.static_pct,
         transient_error_pct=off.transient_pct,
         pressure_error_pct=off.pressure_pct,
-        cpu_ms_per_s=statistics.median(costs_ms_per_s),
+        cpu_ms_per_s=statistics.median(each["cpu_ms_per_s"] for each in runs),
         contact_force_error_pct=off.contact_force_pct,
     )

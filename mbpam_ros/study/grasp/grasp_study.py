@@ -1,8 +1,4 @@
-"""Command ``grasp_study``: the paper's five grasps, the least pressure that holds each, and what holds it.
-
-    grasp_study --json FILE                              the designs initial and optimised, in tier rod
-    grasp_study --tier arc --design initial              another tier, one design
-    grasp_study --objects bulb own_scene.yaml            other scenes, by name or file
+"""The paper's grasps: the least pressure that holds each object, and what holds it.
 
 Each grasp runs without ROS through the gripper's own sensing, mode selection, arbitration and pressure loops: rest,
 close, lift, hold for 1 s. An object is held if it rose with the hand and rests in it; only the contact model decides.
@@ -11,26 +7,19 @@ What still holds with next to no friction (0.05) is held by caging, what does no
 
 from __future__ import annotations
 
-import argparse
-import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from mbpam_ros.actuator.design import DesignDomainError
-from mbpam_ros.actuator.named_designs import INITIAL, load_design
 from mbpam_ros.configuration import ConfigError
-from mbpam_ros.gripper import Gripper, load_gripper
-from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
-from mbpam_ros.plant.tiers import PlantDivergedError, TierError
-from mbpam_ros.study.announcement import announce
+from mbpam_ros.gripper import Gripper
+from mbpam_ros.plant.fidelity import FidelityRequest
+from mbpam_ros.plant.scene import PAPER_SCENES, Scene
 from mbpam_ros.study.grasp.least_pressure import LeastPressure, least_pressure
-from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S, Trial, run_trial, with_changes
-from mbpam_ros.study.progress_bar import ProgressBar
-from mbpam_ros.study.result_file import ResultFileError, write_json
+from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S, Trial, run_trial
+from mbpam_ros.study.provenance import sources_digest
+from mbpam_ros.terminal import table
 
 NOMINAL_PA = 100e3
 """The paper's pressure."""
@@ -38,7 +27,7 @@ NOMINAL_PA = 100e3
 SLIPPERY = 0.05
 """Coefficient of friction that leaves next to nothing of friction, as of ice on steel."""
 
-_S_PER_STUDY = {"arc": 25.0, "rod": 40.0}
+S_PER_STUDY = {"arc": 25.0, "rod": 40.0}
 """CPU of one object with one design, by tier."""
 
 LEAST_PA, STEP_PA, RESOLUTION_PA = 40e3, 10e3, 1e3
@@ -78,43 +67,42 @@ class GraspRow:
         return "caging" if self.slippery_at_nominal.held else "friction"
 
 
-def study_grasp(scene: Scene, gripper: Gripper, design: str, refresh: Callable[[], None] = lambda: None) -> GraspRow:
+def study_grasp(scene: Scene, request: FidelityRequest, gripper: Gripper, design: str) -> GraspRow:
     """Search the least pressures that hold the object of a scene, with its friction and without.
 
     Args:
-        scene: with an object, in the tier to compute in.
+        scene: with an object.
+        request: how to compute it.
         gripper: with the design in it.
         design: its name, for the record.
-        refresh: called after each grasp.
 
     Raises:
         ConfigError, TierError: the scene or a file is wrong.
     """
     spec = scene.object
-    if spec is None or scene.config.object is None:
+    if spec is None:
         raise ConfigError(f"scene {scene.name}: nothing to grasp; name an object in it")
     grid = [*np.arange(LEAST_PA, gripper.pressure_limit_gauge_pa - 1.0, STEP_PA), gripper.pressure_limit_gauge_pa]
     trials: dict[tuple[str, float], Trial] = {}
 
     def trial(scene: Scene, pressure_pa: float) -> Trial:
         if (scene.name, pressure_pa) not in trials:
-            trials[scene.name, pressure_pa] = run_trial(scene, gripper, pressure_pa)
-            refresh()
+            trials[scene.name, pressure_pa] = run_trial(scene, request, gripper, pressure_pa)
         return trials[scene.name, pressure_pa]
 
     def search(scene: Scene) -> LeastPressure:
         return least_pressure(lambda pressure: trial(scene, pressure).held, [float(p) for p in grid], RESOLUTION_PA)
 
-    slippery = replace(with_changes(scene, friction_coefficient=SLIPPERY), name=f"{scene.name}, slippery")
+    slippery = replace(scene, friction_coefficient=SLIPPERY, name=f"{scene.name}, slippery")
     return GraspRow(
         scene=scene.name,
-        object=scene.config.object,
+        object=spec.name,
         mass_kg=spec.mass_kg,
         papers_mode=spec.expected_mode,
         design=design,
         a_mm=gripper.design.a_mm,
         b_mm=gripper.design.b_mm,
-        tier=scene.config.tier,
+        tier=request.tier,
         at_nominal=trial(scene, NOMINAL_PA),
         slippery_at_nominal=trial(slippery, NOMINAL_PA),
         least=search(scene),
@@ -139,10 +127,7 @@ def result_text(rows: Sequence[GraspRow]) -> str:
         "least [kPa]",
         "slippery [kPa]",
     )
-    cells = [head, *(_cells(row) for row in rows)]
-    widths = [max(len(cell) for cell in column) for column in zip(*cells, strict=True)]
-    cells.insert(1, tuple("-" * width for width in widths))
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
+    lines = [table(head, [_cells(row) for row in rows])]
     for row in rows:
         for name, found in (("", row.least), (" with friction 0.05", row.slippery_least)):
             if found.gaps_pa:
@@ -154,18 +139,40 @@ def result_text(rows: Sequence[GraspRow]) -> str:
     return "\n".join(lines)
 
 
-def result_json(rows: Sequence[GraspRow]) -> dict[str, object]:
-    """Return the results as plain values: ``settings``, and in ``grasps`` the fields of each row and ``held_by``."""
+def settings(tier: str, scenes: Sequence[tuple[Scene, FidelityRequest]]) -> dict[str, object]:
+    """Return what all rows depend on, as JSON has it."""
     return {
-        "settings": {
-            "nominal_gauge_pa": NOMINAL_PA,
-            "slippery_friction": SLIPPERY,
-            "resolution_pa": RESOLUTION_PA,
-            "held_share_of_lift": HELD_SHARE,
-            "hold_s": HOLD_S,
-        },
-        "grasps": [{**asdict(row), "held_by": row.held_by} for row in rows],
+        "nominal_gauge_pa": NOMINAL_PA,
+        "slippery_friction": SLIPPERY,
+        "resolution_pa": RESOLUTION_PA,
+        "held_share_of_lift": HELD_SHARE,
+        "hold_s": HOLD_S,
+        "tier": tier,
+        "scenes": {scene.name: repr((scene, request)) for scene, request in scenes},
+        "sources": sources_digest(),
     }
+
+
+def grasp_values(scene: Scene, request: FidelityRequest, gripper: Gripper, design: str) -> dict[str, object]:
+    """Return :func:`study_grasp` as plain values: the fields of the row, and ``held_by``."""
+    row = study_grasp(scene, request, gripper, design)
+    return {**asdict(row), "held_by": row.held_by}
+
+
+def grasp_row(values: dict) -> GraspRow:
+    """Return the row that :func:`grasp_values` made, also after a stay in a file."""
+    values = {name: value for name, value in values.items() if name != "held_by"}
+    for name in ("at_nominal", "slippery_at_nominal"):
+        values[name] = Trial(**values[name])
+    for name in ("least", "slippery_least"):
+        values[name] = LeastPressure(**{**values[name], "gaps_pa": tuple(values[name]["gaps_pa"])})
+    return GraspRow(**values)
+
+
+def row_text(values: dict) -> str:
+    """Return the line about one row."""
+    row = grasp_row(values)
+    return f"{row.scene}, {row.design}: least pressure {_kilopascals(row.least)} kPa after {row.trials} grasps"
 
 
 def _cells(row: GraspRow) -> tuple[str, ...]:
@@ -188,71 +195,3 @@ def _cells(row: GraspRow) -> tuple[str, ...]:
 
 def _kilopascals(found: LeastPressure) -> str:
     return "none" if found.holds_pa is None else f"{1e-3 * found.holds_pa:.1f}" + ("*" if found.gaps_pa else "")
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status."""
-    options = _parser().parse_args(arguments)
-    try:
-        _run(options)
-    except KeyboardInterrupt:
-        print("grasp_study: interrupted", file=sys.stderr)
-        return 130
-    except (ConfigError, DesignDomainError, TierError, PlantDivergedError, ResultFileError) as error:
-        print(f"grasp_study: {error}", file=sys.stderr)
-        return 1
-    return 0
-
-
-def _run(options: argparse.Namespace) -> None:
-    gripper = load_gripper()
-    grippers = {name: replace(gripper, design=load_design(name)) for name in options.design}
-    scenes = [_scene(name, options.tier) for name in options.objects]
-    progress = ProgressBar()
-    announce(
-        f"{len(scenes)} objects, {len(grippers)} designs, tier {options.tier}, 20 to 30 grasps each",
-        _S_PER_STUDY[options.tier] * len(scenes) * len(grippers),
-        sys.stdout,
-    )
-    progress.start(len(scenes) * len(grippers), 0)
-    rows = []
-    started_s = time.monotonic()
-    for scene in scenes:
-        for name, each in grippers.items():
-            rows.append(study_grasp(scene, each, name, progress.refresh))
-            least = _kilopascals(rows[-1].least)
-            progress.job_ended(f"{scene.name}, {name}: least pressure {least} kPa after {rows[-1].trials} grasps")
-    print(result_text(rows))
-    print(f"{sum(row.trials for row in rows)} grasps in {time.monotonic() - started_s:.0f} s, tier {options.tier}")
-    if options.json is not None:
-        write_json(options.json, result_json(rows))
-
-
-def _scene(name: str, tier: str) -> Scene:
-    scene = load_scene(name)
-    if scene.object is None:
-        raise ConfigError(f"scene {scene.name}: nothing to grasp; name an object in it")
-    return with_changes(scene, tier=tier)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        "grasp_study", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
-    parser.add_argument(
-        "--design",
-        nargs="+",
-        default=[INITIAL, "optimised"],
-        metavar="NAME",
-        help="designs by name, side by side (default: initial optimised)",
-    )
-    parser.add_argument("--tier", choices=("arc", "rod"), default="rod", help="how muscles are computed (default: rod)")
-    parser.add_argument(
-        "--objects", nargs="+", default=PAPER_SCENES, metavar="NAME", help="scenes, by name or file (default: the five)"
-    )
-    return parser
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

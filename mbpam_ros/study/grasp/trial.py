@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +9,10 @@ import numpy as np
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.arbitration import Phase
 from mbpam_ros.gripper import Gripper
+from mbpam_ros.plant.fidelity import Fidelity, FidelityRequest
 from mbpam_ros.plant.plant import Observation
 from mbpam_ros.plant.scene import Scene
-from mbpam_ros.plant.tiers import BodyState, PlantDivergedError
+from mbpam_ros.plant.tiers.base import BodyState, PlantDivergedError
 from mbpam_ros.simulation import TICK_S, Simulation
 
 HELD_SHARE = 0.9
@@ -52,21 +52,17 @@ class Trial:
     note: str = ""
 
 
-def with_changes(scene: Scene, tier: str | None = None, friction_coefficient: float | None = None) -> Scene:
-    """Return the scene in another tier or with another friction of fingers on the object; none leaves its own."""
-    config = scene.config
-    if tier is not None:
-        config = dataclasses.replace(config, tier=tier, modes=config.modes if tier == "rod" else None)
-    if friction_coefficient is not None:
-        config = dataclasses.replace(config, friction_coefficient=friction_coefficient)
-    return dataclasses.replace(scene, config=config)
-
-
-def run_trial(scene: Scene, gripper: Gripper, grip_pressure_gauge_pa: float | None = None) -> Trial:
+def run_trial(
+    scene: Scene,
+    fidelity: Fidelity | FidelityRequest,
+    gripper: Gripper,
+    grip_pressure_gauge_pa: float | None = None,
+) -> Trial:
     """Let the object rest, close in the mode the arbiter chooses, lift, hold for :data:`HOLD_S`.
 
     Args:
         scene: what is there; with an object.
+        fidelity: how it is computed, or shall be.
         gripper: the muscles and where they stand.
         grip_pressure_gauge_pa: of every mode; none for those of ``grasp.yaml``.
 
@@ -77,19 +73,19 @@ def run_trial(scene: Scene, gripper: Gripper, grip_pressure_gauge_pa: float | No
     """
     if scene.object is None:
         raise ConfigError(f"scene {scene.name}: nothing to grasp; name an object in it")
-    simulation = Simulation(scene, gripper, grip_pressure_gauge_pa)
+    simulation = Simulation(scene, fidelity, gripper, grip_pressure_gauge_pa)
     simulation.run(_REST_S)
     start_m, course = _body(simulation.seen).position_m[2], _Course()
     try:
         _close(simulation, course)
         if course.close_s is not None:
             simulation.lift()
-            simulation.run(_whole_ticks(scene.config.lift.duration_s + HOLD_S))
+            simulation.run(_whole_ticks(scene.lift.duration_s + HOLD_S))
     except PlantDivergedError as error:
         course.note = str(error)
     seen = simulation.seen
     rise_m = float(start_m - _body(seen).position_m[2])
-    up = course.close_s is not None and rise_m >= HELD_SHARE * scene.config.lift.height_m
+    up = course.close_s is not None and rise_m >= HELD_SHARE * scene.lift.height_m
     still = float(np.linalg.norm(_body(seen).velocity_m_s)) < STILL_M_S
     return Trial(
         mode=course.mode,

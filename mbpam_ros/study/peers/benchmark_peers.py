@@ -7,20 +7,13 @@ pressure and lifted, both at the same step. Needs the extra ``bench``.
 
 from __future__ import annotations
 
-import argparse
 import importlib.metadata
 import itertools
 import platform
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-from mbpam_ros.configuration import ConfigError, load_config
-from mbpam_ros.gripper import Gripper, load_gripper
-from mbpam_ros.plant.tiers import PlantConfig
-from mbpam_ros.study.announcement import announce
-from mbpam_ros.study.fidelity.boundary_value import BoundaryValueError
+from mbpam_ros.gripper import Gripper
 from mbpam_ros.study.peers.grasp import GRASP_S, HELD_SHARE, LIFT_M, Grasp
 from mbpam_ros.study.peers.mujoco_model import (
     CONE,
@@ -29,14 +22,12 @@ from mbpam_ros.study.peers.mujoco_model import (
     MujocoFreeBend,
     MujocoGrasp,
     has_integrator,
-    load_mujoco,
 )
 from mbpam_ros.study.peers.own import OwnFreeBend, OwnGrasp, reference_tips
-from mbpam_ros.study.peers.problem import FingerProblem, PeerMissingError, ReferenceSolutionError, finger_problem
-from mbpam_ros.study.peers.pyelastica_model import PyelasticaFreeBend, load_pyelastica
-from mbpam_ros.study.peers.search import AccuracyError, Tried, cheapest, compare, cpu_ms_per_s, try_settings
-from mbpam_ros.study.progress_bar import ProgressBar
-from mbpam_ros.study.result_file import ResultFileError, write_json
+from mbpam_ros.study.peers.problem import FingerProblem, finger_problem
+from mbpam_ros.study.peers.pyelastica_model import PyelasticaFreeBend
+from mbpam_ros.study.peers.search import Tried, cheapest, compare, cpu_ms_per_s, try_settings
+from mbpam_ros.terminal import table
 
 PRESSURE_PA, GRASP_SHARE = 100e3, 0.7
 _SPHERE = {"radius_m": 0.030, "mass_kg": 0.046, "depth_m": 0.085}
@@ -44,38 +35,13 @@ _FRICTION, _SLIPPERY = 0.6, 0.2
 _CONTACT_ELEMENTS, _CONTACT_MODES, _CONTACT_STEP_S, _CALL_S = 8, 3, 0.002, 0.010
 _CONTACT_INTEGRATORS = ("discrete", "implicitfast")
 _SINGLE_STEP_S = 0.001
-_FIXED_S, _S_PER_RUN = 45.0, 5.0
+PARTS = 6
 _LIMITS = {"free_1pct": (1.0, 1.0), "free_0p1pct": (0.1, 0.2)}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the comparison, print it, write JSON if asked. Returns the exit code."""
-    options = _parser().parse_args(arguments)
-    try:
-        load_mujoco()
-        load_pyelastica()
-        gripper, retardation = load_gripper(), load_config(PlantConfig, "plant.yaml").retardation_time_s
-        announce(f"six parts, {options.runs} runs of each pair", _FIXED_S + _S_PER_RUN * options.runs)
-        progress = ProgressBar(sys.stderr)
-        progress.start(6, 0)
-        result = run(gripper, retardation, options.runs, progress.job_ended)
-        if options.json is not None:
-            write_json(options.json, result)
-    except (
-        PeerMissingError,
-        ConfigError,
-        BoundaryValueError,
-        ReferenceSolutionError,
-        AccuracyError,
-        ResultFileError,
-    ) as error:
-        print(f"benchmark_peers: {error}", file=sys.stderr)
-        return 1
-    _print(result)
-    return 0
-
-
-def run(gripper: Gripper, retardation_s: float, runs: int, job_ended: Callable[[str], object] = str) -> dict[str, Any]:
+def compare_with_peers(
+    gripper: Gripper, retardation_s: float, runs: int, job_ended: Callable[[str], object] = str
+) -> dict[str, Any]:
     """Return the ratios peer / ours and, under ``details``, all settings, errors and times.
 
     ``job_ended`` is called after each of the six parts with a line about it.
@@ -222,27 +188,17 @@ def _described(problem: FingerProblem) -> dict[str, float]:
     }
 
 
-def _print(result: dict[str, Any]) -> None:
+def result_text(result: dict[str, Any]) -> str:
+    """Return the ratios with their settings, what holds, and what was measured on."""
     details = result["details"]
-    print(f"{'':20s} {'ours':>12s} {'peer':>12s} {'peer / ours':>12s}   CPU ms per simulated second")
+    rows = []
     for name, value in result.items():
         if name != "details":
             one = details[name]
-            print(f"{name:20s} {one['ours_cpu_ms_per_s']:12.3f} {one['peer_cpu_ms_per_s']:12.3f} {value:12.1f}")
-            print(f"{'':20s} ours {one['ours']}\n{'':20s} peer {one['peer']}")
+            rows.append((name, f"{one['ours_cpu_ms_per_s']:.3f}", f"{one['peer_cpu_ms_per_s']:.3f}", f"{value:.1f}"))
+    lines = [table(("CPU ms per simulated second", "ours", "peer", "peer / ours"), rows)]
+    for name, *_ in rows:
+        lines += [f"{name}: ours {details[name]['ours']}", f"{name}: peer {details[name]['peer']}"]
     for name, lift in details["contact_equal_step"]["lifts"].items():
-        print(f"{name:20s} rises {1e3 * lift['rise_m']:6.1f} mm: {'held' if lift['held'] else 'lost'}")
-    print(details["conditions"])
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        "benchmark_peers", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the ratios and details go")
-    parser.add_argument("--runs", type=int, default=7, help="interleaved runs of each pair (default: 7)")
-    return parser
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+        lines.append(f"{name} rises {1e3 * lift['rise_m']:.1f} mm: {'held' if lift['held'] else 'lost'}")
+    return "\n".join([*lines, str(details["conditions"])])

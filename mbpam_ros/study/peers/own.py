@@ -8,8 +8,9 @@ import numpy as np
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.configuration import load_config
-from mbpam_ros.plant.moving import RodTier
-from mbpam_ros.plant.tiers import Actuation, PlantConfig, RigidBody, TierSetup
+from mbpam_ros.plant.fidelity import Fidelity
+from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, RigidBody, TierSetup
+from mbpam_ros.plant.tiers.rod import RodTier
 from mbpam_ros.study.peers.grasp import GRASP_S, Grasp, hand_motion
 from mbpam_ros.study.peers.problem import (
     Array,
@@ -27,24 +28,24 @@ class OwnFreeBend:
     """Tier ``rod`` with a number of modes and a step."""
 
     def __init__(self, problem: FingerProblem, modes: int, step_s: float) -> None:
-        self._tier = RodTier(_setup(problem, modes, step_s, None, np.empty((0, 3))))
-        self._on = _actuation(problem)
-        self._step_s = step_s
+        self._tier = RodTier(_setup(problem, None, np.empty((0, 3))), Fidelity("rod", modes, step_s))
+        self._on, self._step_s = _actuation(problem), step_s
+        self.reset()
 
     def reset(self) -> None:
         """Hang straight, at rest."""
-        self._tier.reset()
+        self._tier.reset(self._on)
 
     def advance(self, seconds: float) -> None:
         """Go on, all steps in one Python call."""
         still = np.zeros(round(seconds / self._step_s) + 1)
-        self._tier.step(self._on, self._on, still, still)
+        self._tier.step(self._on, still, still)
 
     def advance_singly(self, seconds: float) -> None:
         """Go on, one Python call a step."""
         still, on, step = np.zeros(2), self._on, self._tier.step
         for _ in range(round(seconds / self._step_s)):
-            step(on, on, still, still)
+            step(on, still, still)
 
     def tips_m(self) -> Array:
         """Return the tips, shape (4, 3)."""
@@ -62,21 +63,21 @@ class OwnGrasp:
         plane = np.array(
             [[grasp.depth_m + grasp.radius_m, grasp.stand_half_m, grasp.stand_half_m], [1.0, np.inf, np.inf]]
         )
-        self._tier = RodTier(_setup(grasp.problem, modes, step_s, body, plane, grasp.friction))
+        self._tier = RodTier(_setup(grasp.problem, body, plane, grasp.friction), Fidelity("rod", modes, step_s))
         self._on, self._step_s, self._grasp = _actuation(grasp.problem), step_s, grasp
         self._height_m, self._rate_m_s = hand_motion(np.arange(round(GRASP_S / step_s) + 1, dtype=np.float64) * step_s)
-        self._done = 0
+        self.reset()
 
     def reset(self) -> None:
         """Open, hand down."""
-        self._tier.reset()
+        self._tier.reset(self._on)
         self._done = 0
 
     def advance(self, seconds: float) -> None:
         """Go on, all steps in one Python call."""
         first, self._done = self._done, self._done + round(seconds / self._step_s)
         ends = slice(first, self._done + 1)
-        self._tier.step(self._on, self._on, self._height_m[ends], self._rate_m_s[ends])
+        self._tier.step(self._on, self._height_m[ends], self._rate_m_s[ends])
 
     def rise_m(self) -> float:
         """Return how far the sphere has risen."""
@@ -103,15 +104,12 @@ def _actuation(problem: FingerProblem) -> Actuation:
     return Actuation(problem.moment_n_m * problem.inward, np.full(FINGER_COUNT, problem.stiffness_n_m2))
 
 
-def _setup(
-    problem: FingerProblem, modes: int, step_s: float, body: RigidBody | None, planes: Array, friction: float = 0.6
-) -> TierSetup:
+def _setup(problem: FingerProblem, body: RigidBody | None, planes: Array, friction: float = 0.6) -> TierSetup:
     config = load_config(PlantConfig, "plant.yaml")
     return TierSetup(
         geometry=problem.geometry,
         finger_base_m=problem.base_m,
         gravity_m_s2=problem.gravity_m_s2,
-        sub_step_s=step_s,
         body=body,
         planes_m=planes,
         config=replace(
@@ -119,5 +117,4 @@ def _setup(
             retardation_time_s=problem.retardation_s,
             finger_object=replace(config.finger_object, friction_coefficient=friction),
         ),
-        modes=modes,
     )

@@ -4,13 +4,19 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mbpam_ros.geometry.surfaces import BOX, CYLINDER, SPHERE, signed_distance
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.contact import contact_force, contact_table
-from mbpam_ros.plant.contact_config import ContactConfig
-from mbpam_ros.plant.contact_search import _object_columns
-from mbpam_ros.plant.contact_solver import NEWTON_LIMIT, VELOCITY_TOLERANCE, scratch, solve_contacts, solve_in_place
-from mbpam_ros.plant.rod import build_rod, masses_and_loads, motion_at_rest, move_rods
-from mbpam_ros.plant.shapes import BOX, CYLINDER, SPHERE, signed_distance
+from mbpam_ros.plant.mechanics.contact_config import ContactConfig
+from mbpam_ros.plant.mechanics.contact_law import contact_force, contact_table
+from mbpam_ros.plant.mechanics.contact_search import _object_columns
+from mbpam_ros.plant.mechanics.contact_solver import (
+    NEWTON_LIMIT,
+    VELOCITY_TOLERANCE,
+    scratch,
+    solve_contacts,
+    solve_in_place,
+)
+from mbpam_ros.plant.mechanics.rod import build_rod, masses_and_loads, motion_at_rest, move_rods
 
 MODES = 2
 ROD = build_rod(load_gripper().geometry, MODES, 4, 2)
@@ -86,7 +92,7 @@ def test_the_velocities_after_contact_are_the_same_from_any_start(count, seed, f
     table.normal[:] /= np.linalg.norm(table.normal, axis=1, keepdims=True)
     table.jacobian[:] = 0.05 * random.standard_normal((count, 8, 6))
     for columns, arm in zip(table.jacobian, 0.05 * random.standard_normal((count, 3)), strict=True):
-        _object_columns.py_func(*arm, 2, columns.T)
+        _object_columns.py_func(tuple(arm), 2, columns.T)
     table.finger[:] = random.integers(0, 4, count)
     a, b = np.diag(random.uniform(1e-5, 1e-1, 14)), 1e-3 * random.standard_normal(14)
     ends = []

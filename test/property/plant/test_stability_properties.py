@@ -13,14 +13,9 @@ from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.design import MuscleDesign
 from mbpam_ros.configuration import ConfigError, load_config, load_yaml
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.tiers import (
-    Actuation,
-    PlantConfig,
-    PlantDivergedError,
-    RigidBody,
-    TierSetup,
-    build_tier,
-)
+from mbpam_ros.plant.fidelity import Fidelity
+from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, PlantDivergedError, RigidBody, TierSetup
+from mbpam_ros.plant.tiers.registry import build_tier
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
 from mbpam_ros.pneumatics.registry import build_pneumatics
 
@@ -73,17 +68,16 @@ def setups(draw):
     )
     mass = draw(st.sampled_from([0.01, 1.0])) * GRIPPER.geometry.mass_per_length_kg_m
     body = None if name == "static" else draw(st.none() | bodies)
-    return name, TierSetup(
+    setup = TierSetup(
         geometry=dataclasses.replace(GRIPPER.geometry, mass_per_length_kg_m=mass),
         finger_base_m=GRIPPER.finger_base_m,
         gravity_m_s2=9.81,
-        sub_step_s=draw(steps),
         body=body,
         planes_m=np.empty((0, 3)) if body is None else STAND,
         config=config,
-        modes=draw(st.integers(1, 6)) if name == "rod" else None,
         fingers_touch=True,
     )
+    return setup, Fidelity(name, draw(st.integers(1, 6)) if name == "rod" else 1, draw(steps))
 
 
 def assert_finite(value):
@@ -96,17 +90,17 @@ def assert_finite(value):
 @given(setups(), corners, chambers, chambers, st.lists(st.integers(1, 12), min_size=1, max_size=3), st.booleans())
 def test_any_step_ends_finite_or_in_an_error_that_says_what_to_change(setup, design, start, end, counts, raised):
     """Pressures from one set to another within the first step, at times a hand that is raised by 0.1 m meanwhile."""
-    name, setup = setup
+    setup, fidelity = setup
     law = calibrated_rod_law(MuscleDesign(*design), GRIPPER.geometry)
     before, after = (Actuation(*law.moment_and_stiffness(pressure)) for pressure in (start, end))
-    tier = build_tier(name, setup)
+    tier = build_tier(setup, fidelity)
+    tier.reset(before)
     try:
         for count in counts:
             heights = np.linspace(0.0, 0.1 * raised, count + 1)
-            rates = np.full(count + 1, 0.1 * raised / (count * setup.sub_step_s))
+            rates = np.full(count + 1, 0.1 * raised / (count * fidelity.sub_step_s))
             last = tier.state()
-            tier.step(before, after, heights, rates)
-            before = after
+            tier.step(after, heights, rates)
     except PlantDivergedError as error:
         assert "use a smaller sub_step_s" in str(error).lower()
         np.testing.assert_array_equal(tier.state().centreline_m, last.centreline_m)  # as before the step
@@ -120,26 +114,30 @@ def test_a_body_of_any_mass_rests_on_anything_with_its_weight(name, step_s, stif
     support = dataclasses.replace(CONFIG.object_support, stiffness_n_m=max(stiffness_n_m, 2e3 * mass_kg))
     body = RigidBody("sphere", SIZES["sphere"], mass_kg, np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, 0.0, 1.0]))
     config = dataclasses.replace(CONFIG, object_support=support)
-    setup = TierSetup(GRIPPER.geometry, GRIPPER.finger_base_m, 9.81, step_s, body, STAND, config)
-    tier, still = build_tier(name, setup), np.zeros(round(1.0 / step_s) + 1)
+    setup = TierSetup(GRIPPER.geometry, GRIPPER.finger_base_m, 9.81, body, STAND, config)
+    tier = build_tier(setup, Fidelity(name, 3 if name == "rod" else 1, step_s))
+    still = np.zeros(round(1.0 / step_s) + 1)
     air = Actuation(np.zeros((4, 2)), np.full(4, 1.5e-3))
-    tier.step(air, air, still, still)
+    tier.reset(air)
+    tier.step(air, still, still)
     lasting = np.mean([push_after(tier, air, 1) for _ in range(round(0.2 / step_s))])
     assert lasting == pytest.approx(mass_kg * 9.81, rel=0.02)
 
 
 def push_after(tier, air, count):
-    tier.step(air, air, np.zeros(count + 1), np.zeros(count + 1))
+    tier.step(air, np.zeros(count + 1), np.zeros(count + 1))
     return -tier.state().support_force_n[2]
 
 
 def test_pressures_that_wind_a_muscle_up_are_named_as_what_to_lower():
-    setup = TierSetup(GRIPPER.geometry, GRIPPER.finger_base_m, 9.81, 1e-3, None, np.empty((0, 3)), CONFIG)
+    setup = TierSetup(GRIPPER.geometry, GRIPPER.finger_base_m, 9.81, None, np.empty((0, 3)), CONFIG)
     air = Actuation(np.full((4, 2), 0.2), np.full(4, 1.5e-3))
+    tier = build_tier(setup, Fidelity("rod", 2, 1e-3))
+    tier.reset(air)
     with pytest.raises(
         PlantDivergedError, match="beyond 458 deg. The air alone bends one by 1080 deg: lower its pressure"
     ):
-        build_tier("rod", setup).step(air, air, np.zeros(1001), np.zeros(1001))
+        tier.step(air, np.zeros(1001), np.zeros(1001))
 
 
 @settings(max_examples=60)

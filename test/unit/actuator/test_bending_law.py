@@ -81,7 +81,7 @@ def test_a_file_that_is_no_law_is_a_configuration_error_that_names_it(content, t
     (tmp_path / "gripper.yaml").write_text("")
     (tmp_path / LAW_FILE).write_text(content)
     monkeypatch.setenv(DIRECTORY_VARIABLE, str(tmp_path))
-    with pytest.raises(ConfigError, match="fe_bending_law.json: no bending law of calibrate_fe"):
+    with pytest.raises(ConfigError, match="fe_bending_law.json: no bending law of mbpam fe law"):
         stored_cell_laws.__wrapped__()
 
 

@@ -9,7 +9,9 @@ import pytest
 from mbpam_ros.actuator.equilibrium import gravity_energy_j, gravity_stiffness_n_m, hanging_bend
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.tiers import Actuation, PlantConfig, PlantDivergedError, RigidBody, TierSetup, build_tier
+from mbpam_ros.plant.fidelity import Fidelity
+from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, PlantDivergedError, RigidBody, TierSetup
+from mbpam_ros.plant.tiers.registry import build_tier
 
 GRIPPER = load_gripper()
 GEOMETRY = GRIPPER.geometry
@@ -27,7 +29,9 @@ NO_PLANES = np.empty((0, 3))
 
 
 def tier(step_s, body=None, planes=NO_PLANES, config=CONFIG, gravity=9.81, bases=GRIPPER.finger_base_m):
-    return build_tier("arc", TierSetup(GEOMETRY, bases, gravity, step_s, body, planes, config))
+    built = build_tier(TierSetup(GEOMETRY, bases, gravity, body, planes, config), Fidelity("arc", 1, step_s))
+    built.reset(actuation([0.0, 0.0]))
+    return built
 
 
 def actuation(moment):
@@ -35,8 +39,10 @@ def actuation(moment):
 
 
 def advance(arc, before, after, duration_s, step_s):
+    """Jump to ``before``, and run straight from there to ``after``."""
     steps = round(duration_s / step_s)
-    arc.step(before, after, np.zeros(steps + 1), np.zeros(steps + 1))
+    arc.step(before, np.zeros(1), np.zeros(1))
+    arc.step(after, np.zeros(steps + 1), np.zeros(steps + 1))
     return arc.state()
 
 
@@ -157,8 +163,9 @@ def test_muscles_rise_with_an_accelerated_hand_as_in_stronger_gravity():
     step_s, moment = 2e-3, actuation([0.02, 0.0])
     risen, heavy = tier(step_s), tier(step_s, gravity=9.81 + 3.0)
     times = np.arange(501) * step_s
-    risen.step(moment, moment, 1.5 * times**2, 3.0 * times)
-    heavy.step(moment, moment, 0.0 * times, 0.0 * times)
+    for arc, acceleration_m_s2 in ((risen, 3.0), (heavy, 0.0)):
+        arc.reset(moment)
+        arc.step(moment, 0.5 * acceleration_m_s2 * times**2, acceleration_m_s2 * times)
     np.testing.assert_allclose(risen.state().bend_rad, heavy.state().bend_rad, atol=1e-9)
 
 

@@ -9,9 +9,11 @@ from mbpam_ros.actuator.equilibrium import gravity_gradient_n_m
 from mbpam_ros.actuator.kinematics import centreline
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
-from mbpam_ros.plant.tiers import Actuation, PlantConfig, RigidBody, TierSetup, build_tier
+from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, RigidBody, TierSetup
+from mbpam_ros.plant.tiers.registry import build_tier
 
 GRIPPER = load_gripper()
 GEOMETRY, BASES = GRIPPER.geometry, GRIPPER.finger_base_m
@@ -21,18 +23,19 @@ INWARD = -BASES[:, :2] / np.linalg.norm(BASES[:, :2], axis=1, keepdims=True)
 BULB = RigidBody("sphere", (0.06,) * 3, 0.046, np.array([0.0, 0.0, 0.085]), np.array([0.0, 0.0, 0.0, 1.0]))
 STAND = np.array([[0.115, 0.01, 0.01], [0.315, np.inf, np.inf]])
 NO_PLANES = np.empty((0, 3))
-TIERS = [("arc", None), ("rod", 3)]
+TIERS = [("arc", 1), ("rod", 3)]
 LAST_BALL_M = GEOMETRY.length_m - GEOMETRY.outer_radius_m  # centre of the rounded tip
 
 
 def pressed(name, modes, moment, step_s=1e-3, duration_s=1.5, touch=True, body=None, config=CONFIG):
     """Tier after the moments were raised in 0.3 s and held."""
     planes = NO_PLANES if body is None else STAND
-    tier = build_tier(name, TierSetup(GEOMETRY, BASES, 9.81, step_s, body, planes, config, modes, touch))
+    tier = build_tier(TierSetup(GEOMETRY, BASES, 9.81, body, planes, config, touch), Fidelity(name, modes, step_s))
     none, full = (Actuation(share * np.array(moment), np.full(4, STIFFNESS)) for share in (0.0, 1.0))
-    for before, length_s in ((none, 0.3), (full, duration_s)):
+    tier.reset(none)
+    for length_s in (0.3, duration_s):
         still = np.zeros(round(length_s / step_s) + 1)
-        tier.step(before, full, still, still)
+        tier.step(full, still, still)
     return tier
 
 
@@ -83,7 +86,7 @@ def test_action_is_reaction_to_rounding_where_many_fingers_meet_and_slide(name, 
 def test_each_of_two_pressed_arcs_is_in_balance_by_virtual_work():
     """Moment, bending, gravity and the push at the tip's centre, its path by differences of the arc's own formula."""
     moment = opposite(0.03)
-    state = pressed("arc", None, moment).state()
+    state = pressed("arc", 1, moment).state()
     for f in (0, 2):
         bend, path = state.bend_rad[f], []
         for nudge in 1e-6 * np.eye(2):
@@ -154,20 +157,21 @@ def test_fingers_pass_through_each_other_where_the_setup_says_so():
 @pytest.mark.parametrize("step_s", [1e-3, 5e-3, 1e-2])
 def test_fingers_that_close_at_once_stop_each_other(step_s):
     """Moments as of 100 kPa from one step to the next: tips give way by half a radius; to pass takes two."""
-    tier = build_tier("rod", TierSetup(GEOMETRY, BASES, 9.81, step_s, None, NO_PLANES, CONFIG, 3, True))
+    tier = build_tier(TierSetup(GEOMETRY, BASES, 9.81, None, NO_PLANES, CONFIG, True), Fidelity("rod", 3, step_s))
     full = Actuation(opposite(0.045), np.full(4, STIFFNESS))
+    tier.reset(full)
     deepest = 0.0
     for _ in range(round(0.3 / step_s)):
-        tier.step(full, full, np.zeros(2), np.zeros(2))
+        tier.step(full, np.zeros(2), np.zeros(2))
         deepest = max(deepest, tier._parts.contacts.depth[: tier._parts.contacts.count[0]].max(initial=0.0))
     assert 0.0 < deepest < 0.7 * GEOMETRY.outer_radius_m
 
 
 def test_a_scene_says_whether_fingers_touch():
-    scene = load_scene("empty")
+    scene, request = load_scene("empty")
     for touch in (True, False):
-        config = dataclasses.replace(scene.config, tier="rod", fingers_touch=touch)
-        plant = build_plant(dataclasses.replace(scene, config=config), GRIPPER)
+        own = dataclasses.replace(scene, fingers_touch=touch)
+        plant = build_plant(own, dataclasses.replace(request, tier="rod"), GRIPPER)
         for _ in range(25):
             plant.step(np.eye(16)[[0, 10]].sum(axis=0), 0.01)  # fingers 1 and 3 bend toward each other
         assert plant._tier.state().between_fingers_force_n.any() == touch

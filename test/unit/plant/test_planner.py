@@ -8,23 +8,21 @@ import yaml
 
 from mbpam_ros.configuration import ConfigError, load_yaml
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.fidelity import Fidelity, FidelityTable, Measured, Tolerance, load_fidelity_table
+from mbpam_ros.plant.fidelity import Fidelity, FidelityRequest, FidelityTable, Measured, Tolerance, load_fidelity_table
 from mbpam_ros.plant.planner import (
     AIR_CASES,
     GRASP_CASES,
-    Forced,
     PlanError,
     cases_of,
-    forced_by,
+    choose_fidelity,
     may_touch,
     plan,
-    planned_scene,
 )
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene, scene_names
 
 LENGTH_M = load_gripper().geometry.length_m
-EMPTY, BULB = load_scene("empty"), load_scene("bulb")
+(EMPTY, _), (BULB, BULB_REQUEST) = load_scene("empty"), load_scene("bulb")
 
 # tier, modes, step, pneumatics: static, transient, force, cost
 AIR = {
@@ -55,30 +53,35 @@ def table(reference=None, extra=()):
     return FidelityTable(tuple(rows), reference or {}, {}, {})
 
 
-def planned(scene, static=5.0, transient=None, force=None, reference=None, tick_s=None, **forced):
+def planned(scene, static=5.0, transient=None, force=None, reference=None, tick_s=None, camera=None, **forced):
     allowed = Tolerance(static, transient or static, force or 2.0 * static)
-    return plan(scene, LENGTH_M, table(reference), allowed, Forced(**forced), tick_s)
+    return plan(scene, LENGTH_M, table(reference), FidelityRequest(tolerance=allowed, **forced), tick_s, camera)
+
+
+def measured(fidelity):
+    """What the rows of the table are told apart by."""
+    return fidelity.tier, fidelity.modes, fidelity.sub_step_s, fidelity.pneumatics
 
 
 @pytest.mark.parametrize(
     ("scene", "tolerance", "chosen"),
     [
-        (EMPTY, {"static": 1.0, "transient": 20.0}, Fidelity("rod", 2, 0.002, "lag")),
-        (EMPTY, {"static": 1.0}, Fidelity("rod", 2, 0.002, "iso6358")),
-        (EMPTY, {"static": 0.1, "transient": 0.15}, Fidelity("rod", 3, 0.002, "iso6358")),
-        (BULB, {"static": 7.0}, Fidelity("rod", 2, 0.002, "lag")),
-        (BULB, {"static": 1.0}, Fidelity("rod", 2, 0.002, "iso6358")),
-        (BULB, {"static": 1.0, "force": 1.5}, Fidelity("rod", 3, 0.002, "iso6358")),
+        (EMPTY, {"static": 1.0, "transient": 20.0}, ("rod", 2, 0.002, "lag")),
+        (EMPTY, {"static": 1.0}, ("rod", 2, 0.002, "iso6358")),
+        (EMPTY, {"static": 0.1, "transient": 0.15}, ("rod", 3, 0.002, "iso6358")),
+        (BULB, {"static": 7.0}, ("rod", 2, 0.002, "lag")),
+        (BULB, {"static": 1.0}, ("rod", 2, 0.002, "iso6358")),
+        (BULB, {"static": 1.0, "force": 1.5}, ("rod", 3, 0.002, "iso6358")),
     ],
 )
 def test_the_cheapest_fidelity_within_the_tolerance_is_chosen(scene, tolerance, chosen):
     found = planned(scene, **tolerance)
-    assert found.fidelity == chosen
+    assert measured(found.fidelity) == chosen
     assert found.within_tolerance
 
 
 def test_of_those_that_cost_about_the_same_the_nearest_is_chosen():
-    cheapest = planned(EMPTY, 1.0, step_s=0.010)
+    cheapest = planned(EMPTY, 1.0, sub_step_s=0.010)
     found = planned(EMPTY, 1.0)
     assert found.expected.cpu_ms_per_s > cheapest.expected.cpu_ms_per_s
     assert found.expected.transient_pct < cheapest.expected.transient_pct
@@ -86,7 +89,7 @@ def test_of_those_that_cost_about_the_same_the_nearest_is_chosen():
 
 def test_where_nothing_is_within_the_tolerance_the_nearest_is_chosen_and_said_to_be_outside():
     found = planned(BULB, 0.01)
-    assert found.fidelity == Fidelity("rod", 3, 0.002, "iso6358")
+    assert measured(found.fidelity) == ("rod", 3, 0.002, "iso6358")
     assert not found.within_tolerance
     assert "OUTSIDE" in str(found)
 
@@ -99,13 +102,14 @@ def test_an_error_is_never_taken_to_be_smaller_than_the_reference_is_known():
 
 def test_a_longer_step_is_not_trusted_to_be_nearer_than_a_shorter_one():
     lucky = [Measured(case, "rod", 2, 0.020, "iso6358", 0.0, 0.0, 0.0, 1.0, 0.0) for case in GRASP_CASES["sphere"]]
-    found = plan(BULB, LENGTH_M, table(extra=lucky), Tolerance(1.0, 1.0, 2.0), Forced(step_s=0.020))
+    asked = FidelityRequest(tolerance=Tolerance(1.0, 1.0, 2.0))
+    found = plan(BULB, LENGTH_M, table(extra=lucky), dataclasses.replace(asked, sub_step_s=0.020))
     assert found.expected.static_pct == GRASP["rod", 2, 0.010, "iso6358"][0]
-    assert plan(BULB, LENGTH_M, table(extra=lucky), Tolerance(1.0, 1.0, 2.0)).fidelity.step_s == 0.002
+    assert plan(BULB, LENGTH_M, table(extra=lucky), asked).fidelity.sub_step_s == 0.002
 
 
 @pytest.mark.parametrize(
-    "forced", [{"tier": "arc"}, {"modes": 3}, {"step_s": 0.010}, {"pneumatics": "lag"}, {"tier": "static"}]
+    "forced", [{"tier": "arc"}, {"modes": 3}, {"sub_step_s": 0.010}, {"pneumatics": "lag"}, {"tier": "static"}]
 )
 def test_each_part_can_be_forced(forced):
     found = planned(EMPTY, 1.0, **forced)
@@ -116,17 +120,17 @@ def test_each_part_can_be_forced(forced):
 
 def test_forced_pneumatics_are_taken_for_the_real_ones():
     found = planned(EMPTY, 1.0, pneumatics="lag")
-    assert found.fidelity == Fidelity("rod", 2, 0.002, "lag")
+    assert measured(found.fidelity) == ("rod", 2, 0.002, "lag")
     assert found.expected.transient_pct == AIR["rod", 2, 0.002, "iso6358"][1]
     assert found.expected.cpu_ms_per_s == AIR["rod", 2, 0.002, "lag"][3]
 
 
 def test_a_forced_step_that_was_not_measured_counts_as_the_next_longer_one():
-    found = planned(BULB, 1.0, step_s=0.003)
-    assert found.fidelity.step_s == 0.003
+    found = planned(BULB, 1.0, sub_step_s=0.003)
+    assert found.fidelity.sub_step_s == 0.003
     assert found.expected.static_pct == GRASP["rod", 2, 0.010, "iso6358"][0]
-    with pytest.raises(PlanError, match=r"step_s 0\.02.*measured there.*0\.002, 0\.01"):
-        planned(BULB, 1.0, step_s=0.02)
+    with pytest.raises(PlanError, match=r"sub_step_s 0\.02.*measured there.*0\.002, 0\.01"):
+        planned(BULB, 1.0, sub_step_s=0.02)
 
 
 def test_a_tier_that_cannot_move_an_object_is_refused_with_those_that_can():
@@ -135,7 +139,7 @@ def test_a_tier_that_cannot_move_an_object_is_refused_with_those_that_can():
 
 
 def test_steps_go_into_the_tick():
-    assert planned(EMPTY, 1.0, tick_s=0.004).fidelity.step_s == 0.002
+    assert planned(EMPTY, 1.0, tick_s=0.004).fidelity.sub_step_s == 0.002
     with pytest.raises(PlanError, match="tick of 0.003"):
         planned(BULB, 1.0, tick_s=0.003)
 
@@ -153,18 +157,18 @@ def test_contact_that_is_forced_is_judged_on_the_cases_with_or_without_it():
     assert left_out.expected == planned(EMPTY, 1.0).expected
     assert put_in.expected == planned(BULB, 1.0).expected
     assert left_out.reasons["contact"] == put_in.reasons["contact"] == ("forced",)
-    assert left_out.camera and planned(BULB, 1.0, modes=3, contact=False).air_modes is None
+    assert left_out.camera and planned(BULB, 1.0, modes=3, contact=False).fidelity.air_modes is None
 
 
 def test_all_fingers_move_unless_some_are_named():
-    assert planned(EMPTY).moving_fingers == (1, 2, 3, 4)
-    assert planned(EMPTY, moving_fingers=(1, 3)).moving_fingers == (1, 3)
+    assert planned(EMPTY).fidelity.moving_fingers == (1, 2, 3, 4)
+    assert planned(EMPTY, moving_fingers=(1, 3)).fidelity.moving_fingers == (1, 3)
 
 
 def test_an_object_out_of_reach_takes_as_many_modes_as_the_air():
-    assert planned(BULB, 1.0, modes=3).air_modes == 2
-    assert planned(BULB, 1.0).air_modes is None  # two in contact as well
-    assert planned(EMPTY, 1.0).air_modes is None
+    assert planned(BULB, 1.0, modes=3).fidelity.air_modes == 2
+    assert planned(BULB, 1.0).fidelity.air_modes is None  # two in contact as well
+    assert planned(EMPTY, 1.0).fidelity.air_modes is None
 
 
 def test_the_plan_says_for_each_part_what_else_there_was():
@@ -174,7 +178,7 @@ def test_the_plan_says_for_each_part_what_else_there_was():
         "tier",
         "modes",
         "air_modes",
-        "step_s",
+        "sub_step_s",
         "contact",
         "camera",
         "moving_fingers",
@@ -191,11 +195,12 @@ def test_the_plan_says_for_each_part_what_else_there_was():
 
 def test_every_shipped_scene_has_a_plan_from_the_shipped_table():
     for name in scene_names():
-        scene = load_scene(name)
-        found = plan(scene, LENGTH_M, load_fidelity_table())
+        scene, _ = load_scene(name)
+        found = plan(scene, LENGTH_M, load_fidelity_table(), FidelityRequest())
         cases = cases_of(scene, may_touch(scene, LENGTH_M))
-        measured = {row.fidelity for row in load_fidelity_table().rows if row.scene in cases}
-        assert found.fidelity in measured
+        assert measured(found.fidelity) in {
+            measured(row.fidelity) for row in load_fidelity_table().rows if row.scene in cases
+        }
 
 
 def test_the_shipped_reference_is_that_of_the_boundary_value_problem():
@@ -211,11 +216,10 @@ def changed(tmp_path, **values):
 
 
 def test_a_scene_with_tier_auto_is_built_as_planned(tmp_path):
-    scene = changed(tmp_path, tier="auto", sub_step_s=None, tolerance={"static_pct": 1.0, "transient_pct": 1.0})
-    decided = planned_scene(scene, LENGTH_M)
-    assert decided.config.tier == "rod"
-    assert decided.config.pneumatics == "iso6358"
-    plants = [build_plant(each, load_gripper()) for each in (scene, decided)]
+    scene, asked = changed(tmp_path, tier="auto", sub_step_s=None, tolerance={"static_pct": 1.0, "transient_pct": 1.0})
+    chosen = choose_fidelity(scene, asked, LENGTH_M)
+    assert (chosen.tier, chosen.pneumatics, chosen.largest_jump_pct) == ("rod", "iso6358", 1.0)
+    plants = [build_plant(scene, each, load_gripper()) for each in (asked, chosen)]
     for plant in plants:
         plant.step(np.ones(16), 0.02)
     np.testing.assert_array_equal(*(plant.observe().centreline_m for plant in plants))
@@ -223,15 +227,36 @@ def test_a_scene_with_tier_auto_is_built_as_planned(tmp_path):
 
 def test_what_a_scene_with_tier_auto_gives_itself_is_forced(tmp_path):
     given = {"sub_step_s": 0.001, "pneumatics": "ideal", "modes": 4, "moving_fingers": [1, 2], "contact": False}
-    scene = changed(tmp_path, tier="auto", **given)
-    assert forced_by(scene) == Forced(None, 4, 0.001, "ideal", False, None, (1, 2))
-    config = planned_scene(scene, LENGTH_M).config
-    assert config.moving_fingers == (1, 2) and not config.contact
-    assert (config.tier, config.modes, config.sub_step_s, config.pneumatics) == ("rod", 4, 0.001, "ideal")
+    scene, asked = changed(tmp_path, tier="auto", **given)
+    assert asked == FidelityRequest("auto", 0.001, "ideal", 4, None, (1, 2), False, None)
+    chosen = choose_fidelity(scene, asked, LENGTH_M)
+    assert chosen.moving_fingers == (1, 2) and not chosen.contact
+    assert measured(chosen) == ("rod", 4, 0.001, "ideal")
 
 
-def test_a_scene_with_another_tier_is_left_as_it_is():
-    assert planned_scene(BULB, LENGTH_M) is BULB
+def test_modes_of_the_air_that_are_given_are_kept_where_the_plan_has_a_use_for_them():
+    assert planned(BULB, 1.0, modes=3, air_modes=1).fidelity.air_modes == 1
+    assert planned(EMPTY, 1.0, air_modes=1).fidelity.air_modes is None
+
+
+def test_a_scene_with_another_tier_is_computed_as_it_says():
+    assert choose_fidelity(BULB, BULB_REQUEST, LENGTH_M) == Fidelity("arc", 1, 0.002, None)
+
+
+@pytest.mark.parametrize(("scene", "contact", "modes"), [(BULB, None, 3), (BULB, False, 2), (EMPTY, None, 2)])
+def test_a_rod_without_modes_has_those_that_do_for_what_it_may_touch(scene, contact, modes):
+    asked = FidelityRequest("rod", 0.002, contact=contact)
+    assert choose_fidelity(scene, asked, LENGTH_M) == Fidelity("rod", modes, 0.002, contact=contact is None)
+
+
+def test_what_asks_for_no_step_is_planned():
+    assert choose_fidelity(BULB, FidelityRequest("arc", pneumatics="lag"), LENGTH_M).tier == "arc"
+
+
+def test_modes_of_curvature_are_given_up_where_another_tier_takes_none():
+    asked = FidelityRequest("rod", 0.002, modes=4, air_modes=2)
+    assert asked.in_tier("arc") == FidelityRequest("arc", 0.002)
+    assert asked.in_tier("auto") == dataclasses.replace(asked, tier="auto")
 
 
 def test_only_tier_auto_may_leave_the_step_open(tmp_path):

@@ -14,7 +14,7 @@ from mbpam_ros.actuator.kinematics import centreline
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.plant import StepSizeError, build_plant
 from mbpam_ros.plant.scene import load_scene
-from mbpam_ros.plant.tiers import PlantDivergedError, TierError
+from mbpam_ros.plant.tiers.base import PlantDivergedError, TierError
 from mbpam_ros.pneumatics.chamber import PneumaticsInputError
 
 GRIPPER = load_gripper()
@@ -23,10 +23,11 @@ BULB = load_scene("bulb")
 FILL_ONE = np.eye(16)[2]
 
 
-def plant_of(scene, seed=0, **changes):
-    return build_plant(
-        dataclasses.replace(scene, config=dataclasses.replace(scene.config, **changes)), GRIPPER, seed=seed
-    )
+def plant_of(named, seed=0, **changes):
+    scene, request = named
+    there = {key: changes.pop(key) for key in tuple(changes) if hasattr(scene, key)}
+    how = dataclasses.replace(request, **changes)
+    return build_plant(dataclasses.replace(scene, **there), how, GRIPPER, seed=seed)
 
 
 def fields(observation):
@@ -210,9 +211,9 @@ def test_the_static_tier_neither_loads_nor_compiles_the_moving_tiers():
     code = (
         "import sys, dataclasses; from mbpam_ros.gripper import load_gripper;"
         "from mbpam_ros.plant.plant import build_plant;"
-        "from mbpam_ros.plant.scene import load_scene; s = load_scene('empty');"
-        "s = dataclasses.replace(s, config=dataclasses.replace(s.config, tier='static'));"
-        "build_plant(s, load_gripper()).step([0.5] * 16, 0.01); assert 'mbpam_ros.plant.multibody' not in sys.modules"
+        "from mbpam_ros.plant.scene import load_scene; s, how = load_scene('empty');"
+        "build_plant(s, dataclasses.replace(how, tier='static'), load_gripper()).step([0.5] * 16, 0.01);"
+        "assert 'mbpam_ros.plant.mechanics.step' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 
@@ -221,9 +222,9 @@ def test_the_static_tier_neither_loads_nor_compiles_the_moving_tiers():
 def test_uncompiled_code_gives_the_same_result(tier):
     code = (
         "import dataclasses; from mbpam_ros.gripper import load_gripper; from mbpam_ros.plant.plant import build_plant;"
-        "from mbpam_ros.plant.scene import load_scene; s = load_scene('bulb');"
-        f"s = dataclasses.replace(s, config=dataclasses.replace(s.config, tier={tier!r}));"
-        "p = build_plant(s, load_gripper()); p.lift(); [p.step([0.5] * 16, 0.01) for _ in range(5)]; o = p.observe();"
+        "from mbpam_ros.plant.scene import load_scene; s, how = load_scene('bulb');"
+        f"p = build_plant(s, dataclasses.replace(how, tier={tier!r}), load_gripper());"
+        " p.lift(); [p.step([0.5] * 16, 0.01) for _ in range(5)]; o = p.observe();"
         "print(*o.bend_rad.ravel().tolist(), *o.object_in_world.position_m.tolist(), *o.support_force_n.tolist())"
     )
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}

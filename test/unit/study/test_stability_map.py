@@ -1,4 +1,4 @@
-"""Command ``stability_map``."""
+"""The map of stable steps, and the verb that prints it."""
 
 import dataclasses
 import json
@@ -6,17 +6,18 @@ import json
 import numpy as np
 import pytest
 
+from mbpam_ros.commands.mbpam import main
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.tiers import PlantConfig
+from mbpam_ros.plant.tiers.base import PlantConfig
 from mbpam_ros.study import stability_map
-from mbpam_ros.study.stability_map import Cell, main, map_text, run_cell
+from mbpam_ros.study.stability_map import Cell, map_text, run_cell
 
 GRIPPER, CONFIG = load_gripper(), load_config(PlantConfig, "plant.yaml")
 
 
 def test_the_quick_map_has_every_cell_and_no_fault(tmp_path, capsys):
-    assert main(["--quick", "--json", str(tmp_path / "map.json")]) == 0
+    assert main(["stability", "--quick", "--json", str(tmp_path / "map.json")]) == 0
     cells = json.loads((tmp_path / "map.json").read_text())["cells"]
     columns = 1 + len(stability_map.QUICK_STIFFNESSES_N_M)
     assert len(cells) == len(stability_map.QUICK_STEPS_S) * (1 + 2 * columns)
@@ -39,8 +40,8 @@ def test_contact_at_steps_of_a_second_is_solved_in_few_of_newtons_steps():
 
 
 def test_a_number_that_is_not_finite_is_a_fault(monkeypatch, capsys):
-    def broken(name, setup):
-        tier = stability_map_build(name, setup)
+    def broken(setup, fidelity):
+        tier = stability_map_build(setup, fidelity)
         state = tier.state
         tier.state = lambda: dataclasses.replace(state(), bend_rad=np.full((4, 2), np.nan))
         return tier
@@ -48,12 +49,12 @@ def test_a_number_that_is_not_finite_is_a_fault(monkeypatch, capsys):
     stability_map_build = stability_map.build_tier
     monkeypatch.setattr(stability_map, "build_tier", broken)
     monkeypatch.setattr(stability_map, "QUICK_STEPS_S", (1.0,))
-    assert main(["--quick"]) == 1
+    assert main(["stability", "--quick", "--workers", "1"]) == 1
     assert "FAULT" in capsys.readouterr().out
 
 
 def test_an_error_of_another_kind_is_a_fault(monkeypatch):
-    def broken(name, setup):
+    def broken(setup, fidelity):
         raise ZeroDivisionError("division by zero")
 
     monkeypatch.setattr(stability_map, "build_tier", broken)

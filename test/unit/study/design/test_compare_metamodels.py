@@ -4,12 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mbpam_ros import terminal
 from mbpam_ros.actuator.metamodel import GaussianRadialBasis, Kriging, PolynomialResponseSurface
+from mbpam_ros.commands.mbpam import main
 from mbpam_ros.configuration import ConfigError
-from mbpam_ros.study import announcement
 from mbpam_ros.study.design import compare_metamodels
 from mbpam_ros.study.design.accuracy import Accuracy
-from mbpam_ros.study.design.compare_metamodels import main, published_errors
+from mbpam_ros.study.design.compare_metamodels import published_errors
 from mbpam_ros.study.design.comparison import judge
 from mbpam_ros.study.design.samples import RESPONSES, Samples
 
@@ -25,7 +26,7 @@ pytestmark = pytest.mark.xdist_group("compare_metamodels")  # what its command w
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     path = tmp_path_factory.mktemp("comparison") / "new" / "table.json"
-    assert main(["--json", str(path)]) == 0
+    assert main(["metamodels", "--json", str(path)]) == 0
     return json.loads(path.read_text(encoding="utf-8"))
 
 
@@ -106,7 +107,7 @@ def test_samples_of_ones_own_have_a_domain_of_their_own(tmp_path, quick, capsys)
     scaled = [Samples(3.0 + 2.0 * table.design_mm, table.responses) for table in (TRAINING, VALIDATION)]
     training, validation = (write_csv(tmp_path / f"{i}.csv", table) for i, table in enumerate(scaled))
     path = tmp_path / "own.json"
-    assert main(["--training", training, "--validation", validation, "--json", str(path)]) == 0
+    assert main(["metamodels", "--training", training, "--validation", validation, "--json", str(path)]) == 0
     # A cubic of scaled variables is a cubic: the errors are those of the paper's tables.
     assert json.loads(path.read_text())["PRS"]["theta_max"]["r2"] == pytest.approx(0.9964, abs=1e-4)
     assert "paper" not in capsys.readouterr().out
@@ -119,7 +120,7 @@ def test_samples_come_from_a_spreadsheet_that_writes_decimals_with_a_comma(tmp_p
     table.write_bytes(b"\xef\xbb\xbf" + text.encode() + b";;;\r\n")
     found = []
     for training in (plain, table):
-        assert main(["--training", str(training), "--json", str(result)]) == 0
+        assert main(["metamodels", "--training", str(training), "--json", str(result)]) == 0
         found.append(json.loads(result.read_text(encoding="utf-8"))["PRS"]["f_max"]["parameters"])
     assert found[0] == found[1]
 
@@ -127,9 +128,9 @@ def test_samples_come_from_a_spreadsheet_that_writes_decimals_with_a_comma(tmp_p
 def test_a_bad_sample_is_named_with_its_line_and_column(tmp_path, quick, capsys):
     table = tmp_path / "own.csv"
     table.write_text("a_mm,b_mm,theta_max_deg,f_max_n\n1.5,2,100,n.a.\n", encoding="utf-8")
-    assert main(["--training", str(table)]) == 1
+    assert main(["metamodels", "--training", str(table)]) == 1
     said = capsys.readouterr().err
-    assert said.startswith(f"compare_metamodels: {table}: line 2, column f_max_n: 'n.a.' is not a plain number")
+    assert said.startswith(f"mbpam metamodels: {table}: line 2, column f_max_n: 'n.a.' is not a plain number")
     assert said.count("\n") == 1
 
 
@@ -168,13 +169,13 @@ def test_what_cannot_be_compared_is_said_in_one_line(arguments, message, tmp_pat
         "half": write_csv(tmp_path / "half.csv", TRAINING, np.flatnonzero(TRAINING.design_mm[:, 0] < 3.0)),
         "all": write_csv(tmp_path / "all.csv", VALIDATION),
     }
-    assert main([argument.format(**files) for argument in arguments]) == 1
+    assert main(["metamodels", *(argument.format(**files) for argument in arguments)]) == 1
     said = capsys.readouterr().err
-    assert said.startswith("compare_metamodels: ") and message in said and said.count("\n") == 1
+    assert said.startswith("mbpam metamodels: ") and message in said and said.count("\n") == 1
 
 
 def test_it_is_said_how_samples_were_held_back_and_whether_deviations_cover(capsys):
-    assert main(["--leave-one-out"]) == 0
+    assert main(["metamodels", "--leave-one-out"]) == 0
     said = capsys.readouterr()
     assert "held back: closed form, as refits give (PRS, RBF)" in said.out
     assert "held back: refits (KRG, RBF_GAUSSIAN, KRG_NUGGET)" in said.out
@@ -189,8 +190,8 @@ def test_many_samples_are_announced_and_judged_without_refits(tmp_path, monkeypa
     samples = Samples(design, {"theta_max": 100.0 * np.sin(a) + 10.0 * b**2, "f_max": np.exp(0.3 * b) / a})
     fits, fit = [], Kriging._fit
     monkeypatch.setattr(Kriging, "_fit", lambda self: (fits.append(self), fit(self)))
-    monkeypatch.setattr(announcement, "PATIENCE_S", 1.0)
-    assert main(["--training", write_csv(tmp_path / "many.csv", samples)]) == 0
+    monkeypatch.setattr(terminal, "PATIENCE_S", 1.0)
+    assert main(["metamodels", "--training", write_csv(tmp_path / "many.csv", samples)]) == 0
     said = capsys.readouterr()
     assert said.err.startswith("5 metamodels of 60 samples, judged by leaving each out: takes about ")
     assert "[5/5] KRG_NUGGET fitted and judged" in said.err
@@ -202,6 +203,6 @@ def test_the_same_design_twice_is_refused_in_one_line(tmp_path, capsys):
     rows = np.r_[np.arange(21), 5]
     design = TRAINING.design_mm[rows] + np.where(np.arange(22) == 21, 1e-8, 0.0)[:, None]
     twice = Samples(design, {key: values[rows] + (np.arange(22) == 21) for key, values in TRAINING.responses.items()})
-    assert main(["--training", write_csv(tmp_path / "twice.csv", twice)]) == 1
+    assert main(["metamodels", "--training", write_csv(tmp_path / "twice.csv", twice)]) == 1
     said = capsys.readouterr().err
     assert "samples 6 and 22 have the same design" in said and said.count("\n") == 1

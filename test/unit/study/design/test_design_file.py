@@ -5,9 +5,9 @@ import pytest
 
 from mbpam_ros.actuator.design import DesignDomainError
 from mbpam_ros.actuator.named_designs import load_design, load_kept_designs
+from mbpam_ros.commands.mbpam import main
 from mbpam_ros.configuration import DIRECTORY_VARIABLE, ConfigError, config_directory
 from mbpam_ros.study.design.design_file import keep_design
-from mbpam_ros.study.design.optimise_design import main
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def test_a_design_that_no_gripper_can_run_with_is_refused(own_configuration):
 def test_the_command_writes_what_the_gripper_reads(own_configuration, tmp_path):
     path = tmp_path / "front.json"
     arguments = ["--algorithms", "mopso", "--seeds", "1", "--required-force", "0.6", "--json", str(path)]
-    assert main([*arguments, "--save-as", "wide"]) == 0
+    assert main(["optimise", *arguments, "--save-as", "wide"]) == 0
     chosen, kept = json.loads(path.read_text(encoding="utf-8"))["chosen"], load_kept_designs()["wide"]
     assert (kept.a_mm, kept.b_mm, kept.f_max_n) == (chosen["a_mm"], chosen["b_mm"], chosen["f_n"])
     assert kept.provenance["rule"] == "required force 0.6 N"

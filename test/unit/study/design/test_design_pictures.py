@@ -12,7 +12,6 @@ from mbpam_ros.study.design.accuracy import Coverage
 from mbpam_ros.study.design.comparison import judge
 from mbpam_ros.study.design.pareto import grid_front
 from mbpam_ros.study.design.pictures import (
-    PictureError,
     draw_comparison,
     draw_optimisation,
     draw_sampling,
@@ -21,6 +20,7 @@ from mbpam_ros.study.design.pictures import (
 from mbpam_ros.study.design.responses import published_responses
 from mbpam_ros.study.design.samples import Samples
 from mbpam_ros.study.design.uncertainty import UncertaintyMap
+from mbpam_ros.study.pictures import PictureError
 
 SAMPLES = Samples.of_the_paper("doe_training.csv")
 
@@ -67,7 +67,7 @@ def test_a_picture_that_cannot_be_written_says_why(tmp_path):
 
 def test_without_matplotlib_a_picture_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(PictureError, match=r"mbpam_ros\[study\]"):
+    with pytest.raises(PictureError, match=r"mbpam_ros\[report\]"):
         draw_sampling(SAMPLES.design_mm, ("a_mm", "b_mm"), SAMPLES.design_mm, tmp_path / "picture.png")
 
 

@@ -3,12 +3,13 @@ import json
 import numpy as np
 import pytest
 
+from mbpam_ros import terminal
 from mbpam_ros.actuator.metamodel import METAMODELS
 from mbpam_ros.actuator.named_designs import load_kept_designs
-from mbpam_ros.study import announcement
+from mbpam_ros.commands.mbpam import main
 from mbpam_ros.study.design import optimise_design
 from mbpam_ros.study.design.improvement import gains, reference_design
-from mbpam_ros.study.design.optimise_design import Run, check_table_5, main
+from mbpam_ros.study.design.optimise_design import Run, check_table_5
 from mbpam_ros.study.design.pareto import Front, grid_front
 from mbpam_ros.study.design.responses import fitted_responses, published_responses
 from mbpam_ros.study.design.samples import Samples
@@ -20,7 +21,7 @@ pytestmark = pytest.mark.xdist_group("optimise_design")  # what its command writ
 def written(tmp_path_factory):
     pytest.importorskip("pymoo")
     path = tmp_path_factory.mktemp("optimisation") / "front.json"
-    assert main(["--json", str(path), "--seeds", "1"]) == 0
+    assert main(["optimise", "--json", str(path), "--seeds", "1"]) == 0
     return json.loads(path.read_text(encoding="utf-8"))
 
 
@@ -105,7 +106,7 @@ def own_samples(path, row_count=21):
 def test_samples_of_ones_own_are_optimised_in_their_own_domain(tmp_path, capsys):
     path = tmp_path / "own.json"
     arguments = ["--training", own_samples(tmp_path / "own.csv"), "--algorithms", "mopso", "--seeds", "1"]
-    assert main([*arguments, "--initial", "22,18", "--required-force", "0.6", "--json", str(path)]) == 0
+    assert main(["optimise", *arguments, "--initial", "22,18", "--required-force", "0.6", "--json", str(path)]) == 0
     result = json.loads(path.read_text())
     assert result["metamodel"] == "prs" and result["initial"]["source"] == "samples"
     chosen = result["chosen"]
@@ -119,9 +120,9 @@ def test_a_run_that_covers_too_little_fails_the_command(monkeypatch, capsys, tmp
         return Run(algorithm, seed, 3, truth, 0.9)
 
     monkeypatch.setattr(optimise_design, "optimise", lame)
-    monkeypatch.setattr(optimise_design, "gains_by_metamodel", lambda samples, initial, job_ended: {})
+    monkeypatch.setattr(optimise_design, "gains_by_metamodel", lambda *_: {})
     path = tmp_path / "lame.json"
-    assert main(["--algorithms", "mopso", "--json", str(path)]) == 1
+    assert main(["optimise", "--algorithms", "mopso", "--json", str(path)]) == 1
     assert "mopso with seed 0 covers 0.9000" in capsys.readouterr().err
     assert path.exists()
 
@@ -140,9 +141,9 @@ def test_a_run_that_covers_too_little_fails_the_command(monkeypatch, capsys, tmp
 def test_what_cannot_be_optimised_is_said_in_one_line(arguments, message, tmp_path, capsys):
     files = {"own": own_samples(tmp_path / "own.csv"), "few": own_samples(tmp_path / "few.csv", 5)}
     quick = ["--algorithms", "mopso", "--seeds", "1"]
-    assert main([*quick, *(argument.format(**files) for argument in arguments)]) == 1
+    assert main(["optimise", *quick, *(argument.format(**files) for argument in arguments)]) == 1
     said = capsys.readouterr().err
-    assert said.startswith("optimise_design: ") and message in said and said.count("\n") == 1
+    assert said.startswith("mbpam optimise: ") and message in said and said.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -150,12 +151,12 @@ def test_what_cannot_be_optimised_is_said_in_one_line(arguments, message, tmp_pa
 )
 def test_options_that_mean_nothing_are_refused(arguments):
     with pytest.raises(SystemExit, match="2"):
-        main(arguments)
+        main(["optimise", *arguments])
 
 
 def test_a_force_that_no_design_has_is_refused_before_anything_is_optimised(monkeypatch, capsys):
     monkeypatch.setattr(optimise_design, "optimise", lambda *_: pytest.fail("optimised"))
-    assert main(["--required-force", "0.75", "--algorithms", "mopso", "--seeds", "1"]) == 1
+    assert main(["optimise", "--required-force", "0.75", "--algorithms", "mopso", "--seeds", "1"]) == 1
     truth = grid_front(published_responses().objectives, published_responses().domain)
     assert f"the largest force possible is {truth.values[:, 1].max():.4f} N" in capsys.readouterr().err
 
@@ -166,7 +167,10 @@ def test_samples_on_a_line_have_no_optimum(metamodel, tmp_path, capsys):
     rows = np.column_stack([a, 30.0 - a, 100.0 + a**1.5, 1.0 / a])
     path = tmp_path / "line.csv"
     np.savetxt(path, rows, delimiter=",", header="a_mm,b_mm,theta_max_deg,f_max_n", comments="")
-    assert main(["--training", str(path), "--metamodel", metamodel, "--algorithms", "mopso", "--seeds", "1"]) == 1
+    assert (
+        main(["optimise", "--training", str(path), "--metamodel", metamodel, "--algorithms", "mopso", "--seeds", "1"])
+        == 1
+    )
     assert "nothing is known in direction (0.707, 0.707)" in capsys.readouterr().err
 
 
@@ -178,9 +182,9 @@ def test_beside_a_deviation_stands_whether_it_covers(written):
 
 
 def test_a_long_command_says_so_before_and_counts_its_jobs(monkeypatch, capsys):
-    monkeypatch.setattr(announcement, "PATIENCE_S", 0.01)
-    monkeypatch.setattr(optimise_design, "gains_by_metamodel", lambda samples, initial, job_ended: {})
-    assert main(["--algorithms", "mopso", "--seeds", "2"]) == 0
+    monkeypatch.setattr(terminal, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(optimise_design, "gains_by_metamodel", lambda *_: {})
+    assert main(["optimise", "--algorithms", "mopso", "--seeds", "2"]) == 0
     said = capsys.readouterr().err.splitlines()
     assert said[0].startswith("2 optimisations, 21 samples: takes about ")
     assert said[1:] == [

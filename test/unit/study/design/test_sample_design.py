@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from mbpam_ros.actuator.tables import read_columns
-from mbpam_ros.study.design.sample_design import main
+from mbpam_ros.commands.mbpam import main
 
 
 def test_designs_are_printed_and_written_beside_the_papers_figures(tmp_path, capsys):
     table, figures = tmp_path / "designs.csv", tmp_path / "designs.json"
-    assert main(["--restarts", "1", "--csv", str(table), "--json", str(figures)]) == 0
+    assert main(["sample", "--restarts", "1", "--csv", str(table), "--json", str(figures)]) == 0
     said, (no, a_mm, b_mm) = capsys.readouterr().out, read_columns(table, "no", "a_mm", "b_mm")
     assert no.tolist() == list(range(1, 22))
     assert (a_mm.min(), a_mm.max(), b_mm.min(), b_mm.max()) == (1.5, 3.5, 1.0, 3.0)
@@ -23,7 +23,12 @@ def test_designs_are_printed_and_written_beside_the_papers_figures(tmp_path, cap
 
 def test_four_variables_have_whole_waves_within_the_papers_ranges(tmp_path):
     path = tmp_path / "designs.json"
-    assert main(["--variables", "a,b,c,n", "--count", "12", "--restarts", "1", "--seed", "3", "--json", str(path)]) == 0
+    assert (
+        main(
+            ["sample", "--variables", "a,b,c,n", "--count", "12", "--restarts", "1", "--seed", "3", "--json", str(path)]
+        )
+        == 0
+    )
     result = json.loads(path.read_text())
     points = np.array(result["points"])
     assert points.shape == (12, 4)
@@ -33,8 +38,8 @@ def test_four_variables_have_whole_waves_within_the_papers_ranges(tmp_path):
 
 
 def test_what_cannot_be_sampled_is_said_in_one_line(tmp_path, capsys):
-    assert main(["--count", "1"]) == 1
+    assert main(["sample", "--count", "1"]) == 1
     said = capsys.readouterr().err
-    assert said.startswith("sample_design: ") and "at least 2 points" in said and said.count("\n") == 1
+    assert said.startswith("mbpam sample: ") and "at least 2 points" in said and said.count("\n") == 1
     with pytest.raises(SystemExit, match="2"):
-        main(["--seed", "-1"])
+        main(["sample", "--seed", "-1"])

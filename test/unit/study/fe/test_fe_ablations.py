@@ -10,7 +10,7 @@ from mbpam_ros.study.fe import ablations
 from mbpam_ros.study.fe.design_run import Run
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.fe.paper_comparison import paper_points
-from mbpam_ros.study.progress_bar import ProgressBar
+from mbpam_ros.terminal import Progress
 
 
 def test_the_fit_is_judged_without_the_points_kept_for_the_last_check():
@@ -54,7 +54,7 @@ def test_every_variant_is_run_once_a_point_and_given_for_each_end(tmp_path, monk
     template, points = Run(CellGeometry(), "pdc"), paper_points()[:2]
     for _ in range(2):  # the second time everything is there
         with ThreadPoolExecutor(1) as executor:
-            result = ablations.ablations(template, tmp_path / "x.json", executor, ProgressBar(io.StringIO()), points)
+            result = ablations.ablations(template, tmp_path / "x.json", executor, Progress(io.StringIO()), points)
     kinds = ablations.variants(template)
     assert len(runs) == len(set(runs)) == 2 * len(kinds)
     assert len(result["variants"]) == len(ablations.ENDS) * len(kinds)

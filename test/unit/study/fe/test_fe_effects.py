@@ -9,7 +9,7 @@ from mbpam_ros.study.fe import effects
 from mbpam_ros.study.fe.design_run import Run
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.fe.solve import LoadStepError
-from mbpam_ros.study.progress_bar import ProgressBar
+from mbpam_ros.terminal import Progress
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,7 @@ def test_one_parameter_at_a_time_beside_the_paper(tmp_path, monkeypatch):
     monkeypatch.setattr(effects, "nominal_values", quick)
     monkeypatch.setattr(effects, "blocked_force_n", lambda run: 1.0 + 0.1 * run.geometry.b_mm)
     with ThreadPoolExecutor(1) as executor:
-        result = effects.effects(Run(CellGeometry(), "psc"), tmp_path / "x.json", executor, ProgressBar(io.StringIO()))
+        result = effects.effects(Run(CellGeometry(), "psc"), tmp_path / "x.json", executor, Progress(io.StringIO()))
     assert len(run_designs) == len(set(run_designs)) == 10  # the initial design is in three of the four series
     trends = {(row["parameter"], row["quantity"]): row for row in result["trends"]}
     assert trends["a", "theta"]["found"] == "rises" and trends["a", "theta"]["agrees"]

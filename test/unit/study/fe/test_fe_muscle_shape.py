@@ -11,14 +11,12 @@ from mbpam_ros.study.fe.law import BendingLaw
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.fe.muscle_shape import MuscleShape, muscle_shapes, outer_faces
 from mbpam_ros.study.fe.pictures import (
-    PictureError,
     draw_ablations,
     draw_curves,
     draw_effects,
     draw_muscles,
     draw_parity,
     draw_sections,
-    require_matplotlib,
 )
 from mbpam_ros.study.fe.posture import upright_bends_rad, upright_tip_angle_rad
 
@@ -122,9 +120,3 @@ class TestPictures:
         draw_ablations([variant], tmp_path / "ablations.png")
         for name in ("curves", "parity", "effects", "ablations"):
             assert len(self.drawn(tmp_path / f"{name}.png")) > 20
-
-
-def test_without_matplotlib_the_extra_is_named(monkeypatch):
-    monkeypatch.setattr("mbpam_ros.study.fe.pictures.importlib.util.find_spec", lambda name: None)
-    with pytest.raises(PictureError, match=r"mbpam_ros\[fem\]"):
-        require_matplotlib()

@@ -9,7 +9,6 @@ pytest.importorskip("felupe")
 
 from mbpam_ros.study.fe import paper_comparison
 from mbpam_ros.study.fe.design_run import MESHES, Run
-from mbpam_ros.study.fe.job_queue import ResultFileError
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.fe.paper_comparison import (
     PaperPoint,
@@ -17,7 +16,8 @@ from mbpam_ros.study.fe.paper_comparison import (
     error_summary,
     paper_points,
 )
-from mbpam_ros.study.progress_bar import ProgressBar
+from mbpam_ros.study.jobs import ResultFileError
+from mbpam_ros.terminal import Progress
 
 TEMPLATE = Run(CellGeometry(c_mm=3.0), "psc", MESHES["coarse"])
 POINTS = (PaperPoint("table_1:1", 1.5, 2.0, 20.0, 0.5, "psc"), PaperPoint("table_2:1", 1.6, 2.0, 21.0, 0.5, "psc"))
@@ -58,7 +58,7 @@ def counted(monkeypatch):
 def compare(path, points=POINTS, template=TEMPLATE):
     said = io.StringIO()
     with ThreadPoolExecutor(1) as executor:
-        return compare_with_paper(template, path, executor, ProgressBar(said), points), said.getvalue()
+        return compare_with_paper(template, path, executor, Progress(said), points), said.getvalue()
 
 
 def test_each_design_is_run_and_compared(tmp_path, counted):

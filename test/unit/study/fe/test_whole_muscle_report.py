@@ -6,11 +6,12 @@ import pytest
 
 pytest.importorskip("felupe")
 
+from mbpam_ros.commands.mbpam import main
 from mbpam_ros.study.fe import whole_muscle, whole_muscle_report
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
 from mbpam_ros.study.fe.muscle_mesh import EndPieces
 from mbpam_ros.study.fe.solve import StepControl
-from mbpam_ros.study.fe.whole_muscle_report import Case, draw, main, mesh_study, run_case, unit_cells_deg
+from mbpam_ros.study.fe.whole_muscle_report import Case, draw, mesh_study, run_case, unit_cells_deg
 
 COARSE = Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2)
 STIFF = Case(CellGeometry(a_mm=1.5, c_mm=3.0, wave_count=1.0, active_length_mm=7.0), "psc", COARSE, EndPieces(4.0, 2.0))
@@ -58,19 +59,19 @@ def test_the_command_keeps_what_its_file_holds_and_draws_it(rows, tmp_path, monk
     weightless = Case(**{**vars(STIFF), "gravity_factor": 0.0})
     monkeypatch.setattr(whole_muscle_report, "STUDIES", {"ends": lambda: {"stiff": weightless}})
     path = tmp_path / "muscles.json"
-    assert main(["--json", str(path), "--pictures", str(tmp_path / "pictures")]) == 0
+    assert main(["fe", "whole", "--json", str(path), "--pictures", str(tmp_path / "pictures")]) == 0
     (row,) = json.loads(path.read_text(encoding="utf-8"))["muscles"]
     assert row["case"] == json.loads(json.dumps(asdict(weightless)))
     assert row["unit_cells_deg"] == pytest.approx(unit_cells_deg(weightless))
     assert len(list((tmp_path / "pictures").glob("*.png"))) == 3
     monkeypatch.setattr(whole_muscle_report, "run_case", None)  # would fail
-    assert main(["--json", str(path)]) == 0
+    assert main(["fe", "whole", "--json", str(path)]) == 0
     assert all(picture.stat().st_size > 10_000 for picture in draw(rows, tmp_path))
 
 
 def test_a_file_of_something_else_is_not_overwritten(tmp_path, capsys):
     path = tmp_path / "other.json"
     path.write_text("[1, 2]", encoding="utf-8")
-    assert main(["--json", str(path)]) == 1
+    assert main(["fe", "whole", "--json", str(path)]) == 1
     assert "give another file" in capsys.readouterr().err
     assert path.read_text(encoding="utf-8") == "[1, 2]"

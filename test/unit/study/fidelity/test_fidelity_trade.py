@@ -8,10 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
+from mbpam_ros.commands import trade as trade_command
+from mbpam_ros.commands.mbpam import main
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import Fidelity, load_fidelity_table
 from mbpam_ros.plant.scene import load_scene
-from mbpam_ros.study.fidelity import fidelity_trade, plan
+from mbpam_ros.study.fidelity import trade
 from mbpam_ros.study.fidelity.absent_costs import imported_parts
 from mbpam_ros.study.fidelity.boundary_value import boundary_value_error_pct, hanging_tip_m
 from mbpam_ros.study.fidelity.cases import Case, all_cases
@@ -23,9 +25,14 @@ from mbpam_ros.study.fidelity.trade import can_run, fidelities
 GRIPPER = load_gripper()
 GEOMETRY = GRIPPER.geometry
 AIR = Case(
-    "free_bend", load_scene("empty"), np.tile([40e3, 0.0, 0.0, 0.0], 4), ((0.0, 0.0), (0.05, 1.0)), (0.1,), (0.0, 0.1)
+    name="free_bend",
+    scene=load_scene("empty")[0],
+    setpoint_gauge_pa=np.tile([40e3, 0.0, 0.0, 0.0], 4),
+    shares=((0.0, 0.0), (0.05, 1.0)),
+    rest_s=(0.1,),
+    moving_s=(0.0, 0.1),
 )
-GRASP = dataclasses.replace(AIR, name="sphere", scene=load_scene("bulb"), rest_s=(0.0, 0.1), moving_s=(0.05, 0.1))
+GRASP = dataclasses.replace(AIR, name="sphere", scene=load_scene("bulb")[0], rest_s=(0.0, 0.1), moving_s=(0.05, 0.1))
 WEIGHT_N = GRASP.scene.object.mass_kg * 9.81
 
 
@@ -131,16 +138,16 @@ def test_the_shipped_table_has_every_case_at_every_fidelity():
 @pytest.fixture
 def short_trade(monkeypatch, tmp_path):
     grid = (Fidelity("arc", 1, 0.005, "lag"), Fidelity("rod", 2, 0.005, "iso6358"))
-    monkeypatch.setattr(fidelity_trade, "all_cases", lambda: (AIR, GRASP))
-    monkeypatch.setattr(fidelity_trade, "fidelities", lambda: grid)
-    monkeypatch.setattr(fidelity_trade, "quick_fidelities", lambda: grid)
-    monkeypatch.setattr(fidelity_trade, "QUICK_CASES", ("sphere",))
+    monkeypatch.setattr(trade_command, "all_cases", lambda: (AIR, GRASP))
+    monkeypatch.setattr(trade, "fidelities", lambda: grid)
+    monkeypatch.setattr(trade, "quick_fidelities", lambda: grid)
+    monkeypatch.setattr(trade, "QUICK_CASES", ("sphere",))
     return tmp_path
 
 
 def test_the_command_writes_rows_picture_and_a_table_that_the_planner_reads(short_trade, capsys):
     file, table = short_trade / "trade.json", short_trade / "table.json"
-    assert fidelity_trade.main(["--json", str(file), "--table", str(table)]) == 0
+    assert main(["trade", "--json", str(file), "--table", str(table)]) == 0
     rows = json.loads(file.read_text())
     asked = {
         "scene",
@@ -163,21 +170,45 @@ def test_the_command_writes_rows_picture_and_a_table_that_the_planner_reads(shor
     assert cv2.imread(str(file.with_suffix(".png"))) is not None
 
 
+def test_what_is_finished_is_not_run_again_and_gives_the_same_rows(short_trade, monkeypatch, capsys):
+    command = ["trade", "--quick", "--json", str(short_trade / "trade.json")]
+    assert main(command) == 0
+    rows = (short_trade / "trade.json").read_bytes()
+    kept = json.loads((short_trade / "trade_runs.json").read_text())
+    assert [row["job"] for row in kept["runs"]] == [
+        "sphere: arc 1, 5 ms, lag, round 1",
+        "sphere: rod 2, 5 ms, iso6358, round 1",
+    ]
+    monkeypatch.setattr(trade, "run", None)  # would fail
+    monkeypatch.setattr(trade, "reference_of", None)
+    assert main(command) == 0
+    assert (short_trade / "trade.json").read_bytes() == rows
+
+
+def test_errors_are_the_same_bits_for_any_number_of_workers(short_trade):
+    found = []
+    for workers in ("1", "2"):
+        path = short_trade / f"{workers}.json"
+        assert main(["trade", "--quick", "--workers", workers, "--json", str(path)]) == 0
+        found.append([{**row, "cpu_ms_per_s": None} for row in json.loads(path.read_text())])
+    assert found[0] == found[1]
+
+
 def test_a_quick_run_leaves_the_planners_table_alone(short_trade):
     before = load_fidelity_table()
-    assert fidelity_trade.main(["--quick", "--json", str(short_trade / "quick.json")]) == 0
+    assert main(["trade", "--quick", "--json", str(short_trade / "quick.json")]) == 0
     assert {row["scene"] for row in json.loads((short_trade / "quick.json").read_text())} == {"sphere"}
     assert load_fidelity_table() == before
 
 
 def test_a_file_that_cannot_be_written_is_said_in_one_line(short_trade, capsys):
     (short_trade / "file").write_text("")
-    assert fidelity_trade.main(["--quick", "--json", str(short_trade / "file" / "trade.json")]) == 1
-    assert capsys.readouterr().err.startswith("fidelity_trade: cannot write")
+    assert main(["trade", "--quick", "--json", str(short_trade / "file" / "trade.json")]) == 1
+    assert capsys.readouterr().err.startswith("mbpam trade: cannot write")
 
 
 def test_the_plan_is_printed_with_what_the_scene_file_says_beside_it(capsys):
-    assert plan.main(["bulb", "--modes", "4", "--tolerance", "6"]) == 0
+    assert main(["plan", "bulb", "--modes", "4", "--tolerance", "6"]) == 0
     text = capsys.readouterr().out
     assert "scene bulb; allowed: 6 % at rest, 6 % in motion, 6 % of contact force" in text
     assert re.search(r"modes +4 +forced", text)
@@ -193,19 +224,18 @@ def test_the_plan_is_printed_with_what_the_scene_file_says_beside_it(capsys):
     ],
 )
 def test_what_cannot_be_planned_is_said_in_one_line(capsys, arguments, said):
-    assert plan.main(arguments) == 1
+    assert main(["plan", *arguments]) == 1
     told = capsys.readouterr().err
-    assert told.startswith("plan: ") and said in told and told.count("\n") == 1
+    assert told.startswith("mbpam plan: ") and said in told and told.count("\n") == 1
 
 
 def test_a_plan_outside_the_tolerance_has_its_own_exit_status(capsys):
-    assert plan.main(["carton", "--tolerance", "0.001"]) == 1
+    assert main(["plan", "carton", "--tolerance", "0.001"]) == 1
     assert "OUTSIDE the tolerance" in capsys.readouterr().out
 
 
 def test_what_is_absent_from_a_scene_is_not_imported():
     """No tier and no model that the scene does not ask for."""
-    scene = load_scene("empty")
-    bare = dataclasses.replace(scene.config, tier="static", sub_step_s=0.01, pneumatics="ideal")
-    assert imported_parts(dataclasses.replace(scene, config=bare)) == ("static",)
-    assert imported_parts(scene) == ("rod",)
+    scene, _ = load_scene("empty")
+    assert imported_parts(scene, Fidelity("static", 1, 0.01, "ideal")) == ("static",)
+    assert imported_parts(scene, Fidelity("arc", 1, 0.002)) == ("rod",)

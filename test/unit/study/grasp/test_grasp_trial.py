@@ -10,14 +10,15 @@ from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.arbitration import load_grasp_config
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.scene import PAPER_SCENES, load_scene
-from mbpam_ros.study.grasp.trial import run_trial, with_changes
+from mbpam_ros.study.grasp.trial import run_trial
 
 GRIPPER = load_gripper()
 
 
 @functools.cache
-def trial(name, pressure_pa, **changes):
-    return run_trial(with_changes(load_scene(name), **changes), GRIPPER, pressure_pa)
+def trial(name, pressure_pa, tier="arc", **changes):
+    scene, request = load_scene(name)
+    return run_trial(dataclasses.replace(scene, **changes), request.in_tier(tier), GRIPPER, pressure_pa)
 
 
 def test_a_held_bulb_rises_with_the_hand_in_the_papers_mode():
@@ -41,7 +42,7 @@ def test_friction_decides_about_the_tomato_and_not_about_the_bulb():
 
 @pytest.mark.parametrize("name", PAPER_SCENES)
 def test_the_grip_pressure_of_each_mode_has_the_margin_it_is_said_to_have(name):
-    mode = load_scene(name).object.expected_mode
+    mode = load_scene(name)[0].object.expected_mode
     held = trial(name, getattr(load_grasp_config().arbitration.grip_pressure_gauge_pa, mode) / 1.035, tier="rod")
     assert held.held and held.mode == mode
 
@@ -49,41 +50,26 @@ def test_the_grip_pressure_of_each_mode_has_the_margin_it_is_said_to_have(name):
 @pytest.mark.parametrize("shift_m", [-0.005, 0.005])
 @pytest.mark.parametrize("name", ["banana", "tube"])
 def test_the_grip_pressure_holds_a_rod_that_lies_5_mm_off_the_middle(name, shift_m):
-    scene = with_changes(load_scene(name), tier="rod")
-    position_m = np.add(scene.config.object_position_m, (0.0, shift_m, 0.0))
-    scene = dataclasses.replace(scene, config=dataclasses.replace(scene.config, object_position_m=tuple(position_m)))
-    assert run_trial(scene, GRIPPER).held
+    scene, request = load_scene(name)
+    position_m = np.add(scene.object_position_m, (0.0, shift_m, 0.0))
+    scene = dataclasses.replace(scene, object_position_m=tuple(position_m))
+    assert run_trial(scene, request.in_tier("rod"), GRIPPER).held
 
 
 def test_an_object_that_is_refused_is_not_held_and_the_reason_is_kept():
-    scene = load_scene("tomato")
+    scene, request = load_scene("tomato")
     wide = dataclasses.replace(scene.object, shape="box", size_m=(0.3, 0.3, 0.07))
-    support = dataclasses.replace(scene.config.support, depth_m=0.205)  # under the tips: a finger is in nothing
-    config = dataclasses.replace(scene.config, object_position_m=(0.0, 0.0, 0.170), support=support)
-    refused = run_trial(dataclasses.replace(scene, config=config, object=wide), GRIPPER, 100e3)
+    support = dataclasses.replace(scene.support, depth_m=0.205)  # under the tips: a finger is in nothing
+    changed = dataclasses.replace(scene, object_position_m=(0.0, 0.0, 0.170), support=support, object=wide)
+    refused = run_trial(changed, request, GRIPPER, 100e3)
     assert not refused.held and refused.mode == "" and refused.close_s is None and "tomato" in refused.note
 
 
 def test_a_grip_pressure_above_the_limit_is_refused():
     with pytest.raises(ConfigError, match="above the limit of 110000 Pa"):
-        run_trial(load_scene("bulb"), GRIPPER, 115e3)
+        run_trial(*load_scene("bulb"), GRIPPER, 115e3)
 
 
 def test_a_scene_without_an_object_is_refused():
     with pytest.raises(ConfigError, match="scene empty: nothing to grasp"):
-        run_trial(load_scene("empty"), GRIPPER)
-
-
-def test_a_change_of_friction_or_tier_leaves_the_rest_of_the_scene():
-    scene = load_scene("bulb")
-    changed = with_changes(scene, tier="rod", friction_coefficient=0.1)
-    assert (changed.config.tier, changed.config.friction_coefficient) == ("rod", 0.1)
-    assert with_changes(changed, tier="arc").config.friction_coefficient == 0.1
-    assert with_changes(scene) == scene
-
-
-def test_modes_of_curvature_are_given_up_where_the_tier_takes_none():
-    scene = load_scene("bulb")
-    scene = dataclasses.replace(scene, config=dataclasses.replace(scene.config, tier="rod", modes=4))
-    assert with_changes(scene, friction_coefficient=0.1).config.modes == 4
-    assert with_changes(scene, tier="arc").config.modes is None
+        run_trial(*load_scene("empty"), GRIPPER)

@@ -6,8 +6,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from mbpam_ros.commands.mbpam import main
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.study.peers.benchmark_peers import main
 from mbpam_ros.study.peers.mujoco_model import MujocoFreeBend, link_spans, model_xml
 from mbpam_ros.study.peers.own import OwnFreeBend
 from mbpam_ros.study.peers.problem import TipErrors, finger_problem, static_tips, tip_errors
@@ -22,7 +22,7 @@ def test_without_a_peer_the_command_says_what_to_install(module, monkeypatch, ca
     if module == "elastica":
         monkeypatch.setitem(sys.modules, "mujoco", object())
     monkeypatch.setitem(sys.modules, module, None)
-    assert main([]) == 1
+    assert main(["peers"]) == 1
     assert "pip install 'mbpam_ros[bench]'" in capsys.readouterr().err
 
 

@@ -1,0 +1,76 @@
+"""Compile all kernels ahead, so that no node does it when it starts. What is in the cache on disk is not made anew.
+
+The cache lies beside the sources, or in the user's cache directory where that cannot be written; numba looks at the
+time of each source, and at the processor, so what has changed is compiled anew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+from numba.core import event
+
+from mbpam_ros.actuator.chambers import CHANNEL_COUNT
+from mbpam_ros.configuration import load_config
+from mbpam_ros.estimation.estimator import BendEstimator, EstimatorConfig
+from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.plant import build_plant
+from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.pneumatics.config import load_pneumatics
+from mbpam_ros.pneumatics.registry import build_pneumatics, pneumatic_model_names
+from mbpam_ros.terminal import Progress
+
+
+class _Counter(event.Listener):
+    """Shows how many functions have been compiled."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress, self.begun, self.count = progress, 0, 0
+        self._began_s = time.monotonic()
+
+    def on_start(self, _: event.Event) -> None:
+        self.begun += 1  # a function begins those it calls before it ends
+        if self.begun == 1:
+            self._progress.say("compiling the kernels, once for this installation: up to a minute")
+
+    def on_end(self, _: event.Event) -> None:
+        self.count += 1
+        self._progress.show(f"{self.count} functions compiled in {time.monotonic() - self._began_s:.0f} s")
+
+
+def compile_all(progress: Progress) -> int:
+    """Call every kernel once; return how many functions were compiled, 0 where all were in the cache."""
+    with event.install_listener("numba:compile", _Counter(progress)) as counter:
+        for work in (_estimate, _flow, _move):
+            work()
+    return int(counter.count)
+
+
+def _estimate() -> None:
+    estimator = BendEstimator.for_gripper(load_gripper(), load_config(EstimatorConfig, "estimator.yaml"))
+    for time_s in (0.0, 0.01):
+        estimator.update(time_s, np.zeros(CHANNEL_COUNT))
+
+
+def _flow() -> None:
+    for name in pneumatic_model_names():
+        build_pneumatics(name, load_pneumatics().chamber).step(np.zeros(CHANNEL_COUNT), 0.01)
+
+
+def _move() -> None:
+    for scene in ("bulb", "empty"):
+        build_plant(*load_scene(scene), load_gripper()).step(np.zeros(CHANNEL_COUNT), 0.01)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
+
+
+def run(options: argparse.Namespace) -> int:
+    """Compile what is not compiled."""
+    began_s, progress = time.monotonic(), Progress()
+    count = compile_all(progress)
+    progress.say(f"{count} functions compiled in {time.monotonic() - began_s:.0f} s" if count else "all is compiled")
+    return 0

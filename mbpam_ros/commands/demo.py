@@ -1,0 +1,372 @@
+"""Six node processes on loopback grasp, lift and release the paper's objects, and the result is shown.
+
+Exit status 0 only if every stage happened for every object and each object rose with the hand.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from mbpam_ros.commands.system import NodeProcesses, NodeSystemError, Operator, Service, exit_on_stop_signals  # isort: skip
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from domain_coordinator import domain_id
+from sensor_msgs.msg import CompressedImage, JointState
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker, MarkerArray
+
+from mbpam_ros.configuration import ConfigError
+from mbpam_ros.nodes.interface import NODES
+from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
+from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
+from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S
+from mbpam_ros.study.grasp_report import GraspRecord, draw_report
+from mbpam_ros.study.pictures import PictureError, require_matplotlib
+from mbpam_ros.study.result_file import write_json
+from mbpam_ros.terminal import Progress, table
+
+ALL = "all"
+"""What stands for the paper's five objects on the command progress."""
+
+PATIENCE_S = 10.0
+RETRY_S = 0.25
+
+
+@dataclass
+class GraspResult:
+    """One row of the table: what was asked for, what was seen, what came of it."""
+
+    object: str
+    mode: str
+    expected_mode: str
+    detected_size_m: list[float]
+    true_size_m: list[float]
+    held: bool
+    rise_m: float
+    close_s: float
+
+
+class Watcher:
+    """Listens to the running gripper and keeps the record of one grasp."""
+
+    def __init__(self, operator: Operator) -> None:
+        self.record = GraspRecord()
+        self.grasp: dict[str, str] = {}
+        self.detection: Marker | None = None
+        self.object_z_m = math.nan
+        self.palm_z_m = math.nan
+        self._least_real_time_factor = math.inf
+        self._lines: dict[int, list[list[float]]] = {}
+        self._object_start_z_m = math.nan
+        self._palm_start_z_m = math.nan
+        self._centre_m = np.full(3, math.nan)
+        self._start_s = time.monotonic()
+        subscribe = operator.node.create_subscription
+        subscribe(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
+        subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, STREAM)
+        subscribe(MarkerArray, "detections", self._on_detections, STREAM)
+        subscribe(CompressedImage, "detections/image", self._on_overlay, STREAM)
+        subscribe(JointState, "chamber_states", self._on_chamber_states, NEWEST)
+        subscribe(JointState, "joint_states", self._on_joint_states, NEWEST)
+        subscribe(MarkerArray, "plant/finger_markers", self._on_truth, STREAM)
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time since the record began [s]."""
+        return time.monotonic() - self._start_s
+
+    @property
+    def rise_m(self) -> float:
+        """True rise of the object since :meth:`set_start` [m]."""
+        return self._object_start_z_m - self.object_z_m
+
+    @property
+    def palm_rise_m(self) -> float:
+        """True rise of the palm since :meth:`set_start` [m]."""
+        return self._palm_start_z_m - self.palm_z_m
+
+    @property
+    def greatest_pressure_pa(self) -> float:
+        """Greatest measured pressure now [Pa gauge]; 0 before the first valid reading."""
+        latest = self.record.pressure_gauge_pa[-1] if self.record.pressure_gauge_pa else np.zeros(1)
+        return float(np.max(latest, initial=0.0, where=np.isfinite(latest)))
+
+    @property
+    def pace(self) -> str:
+        """How slowly the plant has run in the grasp, in words; a machine too busy for real time causes faults."""
+        if math.isinf(self._least_real_time_factor):
+            return "the plant has not told its pace"
+        return f"the plant at {self._least_real_time_factor:.2f} of real time or more"
+
+    @property
+    def hears_everything(self) -> bool:
+        """Whether every topic of the record has spoken, with an object detected."""
+        record = self.record
+        spoken = record.overlay_jpeg and record.pressure_time_s and record.bend_time_s
+        return bool(spoken) and self.detection is not None and math.isfinite(self.object_z_m)
+
+    def set_start(self) -> None:
+        """Take the present heights of object and palm as zero of their rise."""
+        self._object_start_z_m, self._palm_start_z_m = self.object_z_m, self.palm_z_m
+
+    def event(self, name: str) -> None:
+        """Note that something happened now."""
+        self.record.events[name] = self.elapsed_s
+
+    def snapshot(self, name: str) -> None:
+        """Keep the true shapes as they are now."""
+        lines = np.array([self._lines[finger] for finger in sorted(self._lines)])
+        self.record.shapes[name] = lines, self._centre_m.copy()
+
+    def _on_grasp_state(self, state: DiagnosticStatus) -> None:
+        self.grasp = {item.key: item.value for item in state.values}
+
+    def _on_diagnostics(self, report: DiagnosticArray) -> None:
+        """Keep the least pace of the plant from the first report in a grasp on."""
+        if self.grasp.get("phase") not in ("closing", "holding"):
+            return
+        for status in report.status:
+            for item in status.values:
+                if item.key == "real_time_factor":
+                    self._least_real_time_factor = min(self._least_real_time_factor, float(item.value))
+
+    def _on_detections(self, message: MarkerArray) -> None:
+        found = [marker for marker in message.markers if marker.action == Marker.ADD]
+        if self.grasp.get("phase") == "idle" and found:
+            self.detection = max(found, key=lambda marker: marker.color.a)
+
+    def _on_overlay(self, message: CompressedImage) -> None:
+        if self.grasp.get("phase") == "idle" and self.detection is not None and not self.record.overlay_jpeg:
+            self.record.overlay_jpeg = bytes(message.data)
+
+    def _on_chamber_states(self, message: JointState) -> None:
+        self.record.pressure_time_s.append(self.elapsed_s)
+        self.record.pressure_gauge_pa.append(np.array(message.effort))
+
+    def _on_joint_states(self, message: JointState) -> None:
+        self.record.bend_time_s.append(self.elapsed_s)
+        self.record.bend_rad.append(np.array(message.position))
+
+    def _on_truth(self, message: MarkerArray) -> None:
+        for marker in message.markers:
+            if marker.ns == "finger":
+                self._lines[marker.id] = [[p.x, p.y, p.z] for p in marker.points]
+            elif marker.ns == "palm":
+                self.palm_z_m = marker.pose.position.z
+            elif marker.ns == "object":
+                position = marker.pose.position
+                self.object_z_m = position.z
+                self._centre_m = np.array([position.x, position.y, position.z])
+        if math.isfinite(self.rise_m):
+            self.record.object_time_s.append(self.elapsed_s)
+            self.record.object_rise_m.append(self.rise_m)
+            self.record.palm_rise_m.append(self.palm_rise_m)
+
+
+def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress) -> GraspResult:
+    """Start the six processes on a scene, grasp its object by the camera's choice, lift, release, and stop them.
+
+    Args:
+        name: of the scene, or its file.
+        scene: what that holds, with an object on a support; its own tier is not used.
+        tier: how the plant computes the muscles.
+        report: where pictures and logs go.
+        progress: shows what happens.
+
+    Raises:
+        NodeSystemError: a stage did not happen.
+    """
+    if scene.support is None:
+        raise NodeSystemError(f"scene {scene.name}: no support to see the object on")
+    arguments = {
+        "plant": ["-p", f"scene:={name}", "-p", f"tier:={tier}"],
+        "object_detector": ["-p", f"support_depth_m:={scene.support.depth_m}"],
+    }
+    with NodeProcesses(report / scene.name, arguments) as processes:
+        operator = Operator("operator", idle=processes.check)
+        try:
+            result = _stages(scene, operator, report, progress)
+        finally:
+            operator.close()
+        codes = processes.stop()
+    failed = {name: code for name, code in codes.items() if code != 0}
+    if failed:
+        raise NodeSystemError(f"nodes did not end cleanly on SIGINT: exit codes {failed}")
+    return result
+
+
+def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) -> GraspResult:
+    spec = scene.object
+    if spec is None:
+        raise NodeSystemError(f"scene {scene.name}: nothing to grasp")
+    name = spec.label
+    watcher = Watcher(operator)
+
+    def wait_for(predicate: Callable[[], bool], timeout_s: float, what: str) -> None:
+        def step() -> bool:
+            progress.show(
+                f"{name}: {what}  [{watcher.elapsed_s:4.1f} s, {watcher.grasp.get('phase', '-')}, "
+                f"{1e-3 * watcher.greatest_pressure_pa:3.0f} kPa, rise {1e3 * np.nan_to_num(watcher.rise_m):4.0f} mm]"
+            )
+            if watcher.grasp.get("phase") == "fault":
+                raise NodeSystemError(f"{what}: fault: {watcher.grasp['reason']} ({watcher.pace})")
+            return predicate()
+
+        operator.wait_for(step, timeout_s, what)
+
+    progress.say(f"{name}: starting {len(NODES)} node processes")
+    for node in NODES:
+        hint = " (compiles its contact solver on the first run)" if node == "plant" else ""
+        wait_for(partial(operator.health.__contains__, f"/{node}"), 180.0, f"waiting for {node}{hint}")
+    progress.show(f"{name}: waiting for readiness")
+    operator.enable()
+    wait_for(lambda: watcher.hears_everything, 20.0, "looking")
+    watcher.set_start()
+    watcher.snapshot("start")
+    detection = watcher.detection
+    if detection is None:
+        raise NodeSystemError("looking: nothing detected")
+    size_m = [round(float(value), 4) for value in _size(detection)]
+    progress.say(f"{name}: detected a {detection.text} of {_millimetres(size_m)} mm")
+
+    answer = _ask_patiently(operator, Trigger, "grasp/auto")
+    watcher.event("grasp/auto")
+    asked_s = watcher.elapsed_s
+    progress.say(f"{name}: {answer}")
+    wait_for(lambda: watcher.grasp.get("phase") == "holding", 10.0, "closing")
+    close_s = watcher.elapsed_s - asked_s
+    mode = watcher.grasp["mode"]
+    watcher.event("holding")
+
+    operator.ask(Trigger, "plant/lift")
+    watcher.event("plant/lift")
+    height_m = scene.lift.height_m
+    wait_for(lambda: watcher.palm_rise_m > height_m - 1e-3, 30.0 + 10.0 * scene.lift.duration_s, "lifting")
+    hold_until_s = watcher.elapsed_s + HOLD_S
+    wait_for(lambda: watcher.elapsed_s > hold_until_s, HOLD_S + 5.0, "holding up")
+    rise_m = watcher.rise_m
+    held = rise_m >= HELD_SHARE * height_m
+    watcher.snapshot("lifted")
+    outcome = "held" if held else "dropped"
+    progress.say(f"{name}: {outcome}, rose {1e3 * rise_m:.0f} of {1e3 * height_m:.0f} mm ({watcher.pace})")
+
+    operator.ask(Trigger, "plant/lower")
+    wait_for(lambda: watcher.palm_rise_m < 1e-3, 30.0 + 10.0 * scene.lift.duration_s, "lowering")
+    operator.ask(Trigger, "grasp/release")
+    watcher.event("grasp/release")
+    wait_for(lambda: watcher.grasp.get("phase") == "idle", 15.0, "releasing")
+    progress.say(f"{name}: released")
+
+    watcher.record.title = f"{name}: {mode}, {outcome}"
+    watcher.record.object_size_m, watcher.record.object_shape = spec.size_m, spec.shape
+    picture = report / f"{scene.name}.png"
+    draw_report(watcher.record, picture)
+    progress.say(f"{name}: picture report in {picture}")
+    return GraspResult(
+        object=spec.name,
+        mode=mode,
+        expected_mode=spec.expected_mode,
+        detected_size_m=size_m,
+        true_size_m=list(spec.size_m),
+        held=held,
+        rise_m=round(rise_m, 4),
+        close_s=round(close_s, 3),
+    )
+
+
+def _ask_patiently(operator: Operator, service_type: type[Service], name: str) -> str:
+    """Ask again while refused: the server may not have discovered all its sources when we have."""
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return operator.ask(service_type, name)
+        except NodeSystemError:
+            if time.monotonic() > deadline:
+                raise
+            again_at = time.monotonic() + RETRY_S
+            operator.wait_for(partial(_is_past, again_at), PATIENCE_S, "the next try")
+
+
+def _is_past(time_s: float) -> bool:
+    return time.monotonic() > time_s
+
+
+def _size(marker: Marker) -> tuple[float, float, float]:
+    return marker.scale.x, marker.scale.y, marker.scale.z
+
+
+def _millimetres(size_m: list[float]) -> str:
+    return " x ".join(f"{1e3 * value:.1f}" for value in size_m)
+
+
+def _print_table(grasped: Sequence[tuple[Scene, GraspResult]]) -> None:
+    rows = [
+        (
+            result.object,
+            _millimetres(result.detected_size_m),
+            _millimetres(result.true_size_m),
+            f"held, {result.expected_mode}" if scene.name in PAPER_SCENES else "-",
+            result.mode,
+            f"{result.close_s:.2f}",
+            f"{1e3 * result.rise_m:.0f}",
+            "held" if result.held else "dropped",
+        )
+        for scene, result in grasped
+    ]
+    head = ("object", "detected [mm]", "true [mm]", "paper", "mode", "close [s]", "rise [mm]", "result")
+    print(table(head, rows))
+
+
+def _scenes(names: Sequence[str]) -> dict[str, Scene]:
+    scenes = {name: load_scene(name)[0] for name in (PAPER_SCENES if names == [ALL] else names)}
+    for scene in scenes.values():
+        if scene.object is None or scene.support is None:
+            raise ConfigError(f"scene {scene.name}: the demo needs an object on a support")
+    return scenes
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
+    parser.add_argument(
+        "--objects", nargs="+", default=[ALL], metavar="NAME", help="scenes or their files, or: all (default: all)"
+    )
+    parser.add_argument("--tier", choices=("arc", "rod"), default="rod", help="how muscles are computed (default: rod)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the table as JSON")
+    parser.add_argument("--report", type=Path, default=Path("report"), metavar="DIR", help="pictures and logs go here")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Grasp each object; return 1 if a stage did not happen or an object was dropped, 2 for what cannot be grasped."""
+    exit_on_stop_signals()
+    progress = Progress()
+    grasped: list[tuple[Scene, GraspResult]] = []
+    failures: list[str] = []
+    try:
+        require_matplotlib()  # before minutes are spent on what cannot be drawn
+        scenes = _scenes(options.objects)
+    except (ConfigError, PictureError) as error:
+        print(f"mbpam demo: {error}", file=sys.stderr)
+        return 2
+    with domain_id() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        for name, scene in scenes.items():
+            try:
+                grasped.append((scene, grasp(name, scene, options.tier, options.report, progress)))
+            except NodeSystemError as error:
+                failures.append(f"{scene.name}: {error}")
+                progress.say(f"failed: {failures[-1]}")
+    _print_table(grasped)
+    if options.json is not None:
+        write_json(options.json, [vars(result) for _, result in grasped])
+    failures += [f"{scene.name}: dropped" for scene, result in grasped if not result.held]
+    for failure in failures:
+        print(f"mbpam demo: {failure}", file=sys.stderr)
+    return 1 if failures else 0

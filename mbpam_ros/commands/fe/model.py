@@ -1,0 +1,146 @@
+"""The arguments of the verbs that run the unit cell: its model, the designs, where results go."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from mbpam_ros.errors import MbpamError
+from mbpam_ros.study.fe.design_run import MESHES, Run
+from mbpam_ros.study.fe.mesh import CellGeometry
+from mbpam_ros.study.fe.paper_comparison import PaperPoint, paper_points
+from mbpam_ros.study.fe.posture import END_LENGTH_MM, END_WEIGHT_FACTOR
+from mbpam_ros.study.pictures import PictureError, require_matplotlib
+from mbpam_ros.terminal import Progress
+
+
+class ArgumentError(MbpamError, ValueError):
+    """The arguments describe no muscle, or a file that cannot be written; the message says what is wrong."""
+
+
+def add_result(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add ``--json``."""
+    parser.add_argument("--json", type=Path, metavar="FILE", required=True, help=what)
+
+
+def add_model(parser: argparse.ArgumentParser) -> None:
+    """Add how a muscle is modelled."""
+    default = CellGeometry()
+    parser.add_argument("--mesh", choices=MESHES, default="trilinear", help="elements (default: trilinear)")
+    parser.add_argument(
+        "--wave-fillet", type=float, metavar="MM", help="radius of crests and valleys (default: cosine)"
+    )
+    parser.add_argument(
+        "--corner-fillet", type=float, default=0.0, metavar="MM", help="radius of the chambers' corners"
+    )
+    parser.add_argument("--self-contact", action="store_true", help="let the arms of the cross rest on the wall")
+    parser.add_argument("--active-length", type=float, default=default.active_length_mm, metavar="MM")
+    parser.add_argument("--end-length", type=float, default=END_LENGTH_MM, metavar="MM")
+    parser.add_argument(
+        "--end-weight", type=float, default=END_WEIGHT_FACTOR, metavar="F", help="of the ends, per length, over waves'"
+    )
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Add what the paper does not state of its designs."""
+    default = CellGeometry()
+    parser.add_argument("--wall", type=float, default=default.c_mm, metavar="C", help="wall c of the designs [mm]")
+    parser.add_argument("--waves", type=float, default=default.wave_count, metavar="N", help="waves of the designs")
+
+
+def add_points(parser: argparse.ArgumentParser, default: str) -> None:
+    """Add which of the paper's designs are run."""
+    parser.add_argument(
+        "--points", metavar="NAME,...", help=f"designs of the paper to run, such as table_2:1 (default: {default})"
+    )
+
+
+def add_pictures(parser: argparse.ArgumentParser) -> None:
+    """Add whether pictures are drawn."""
+    parser.add_argument("--no-pictures", dest="pictures", action="store_false", help="write numbers only")
+
+
+def run_of(options: argparse.Namespace, design: Sequence[float] | None = None, pattern: str = "pdc") -> Run:
+    """Return the run that the arguments describe.
+
+    Args:
+        options: of :func:`add_model` and, without a design, :func:`add_reading`.
+        design: a, b, c [mm] and the number of waves; none for the initial a and b with the reading's c and waves.
+        pattern: of the pressures.
+
+    Raises:
+        ArgumentError: there is no such muscle.
+    """
+    geometry = CellGeometry()
+    a_mm, b_mm, c_mm, waves = design or (geometry.a_mm, geometry.b_mm, options.wall, options.waves)
+    try:
+        geometry = replace(
+            geometry,
+            a_mm=a_mm,
+            b_mm=b_mm,
+            c_mm=c_mm,
+            wave_count=waves,
+            active_length_mm=options.active_length,
+            wave_fillet_mm=options.wave_fillet,
+            corner_fillet_mm=options.corner_fillet,
+        )
+        return Run(
+            geometry,
+            pattern,
+            MESHES[options.mesh],
+            end_length_mm=options.end_length,
+            end_weight_factor=options.end_weight,
+            self_contact=options.self_contact,
+        )
+    except ValueError as error:
+        raise ArgumentError(str(error)) from error
+
+
+def points_of(options: argparse.Namespace, default: Sequence[str] | None = None) -> list[PaperPoint]:
+    """Return the paper's designs that are asked for; ``default`` of them without ``--points``, none for all.
+
+    Raises:
+        ArgumentError: there is no design of that name.
+    """
+    known = {point.source: point for point in paper_points()}
+    names = list(default or known) if options.points is None else options.points.split(",")
+    if unknown := [name for name in names if name not in known]:
+        raise ArgumentError(
+            f"--points: unknown {', '.join(unknown)}; known are table_1:1 to :21, table_2:1 to :8, "
+            "table_5:1 to :3 and measured:psc"
+        )
+    return [known[name] for name in names]
+
+
+def check_result(path: Path) -> None:
+    """Check, before minutes are spent, that the result can be written.
+
+    Raises:
+        ArgumentError: it is a folder, or its folder does not exist.
+    """
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        raise ArgumentError(f"cannot write {path}: it is a folder, or its folder does not exist")
+
+
+def can_draw(options: argparse.Namespace, progress: Progress) -> bool:
+    """Whether pictures are wanted and can be drawn; says why not."""
+    if not options.pictures:
+        return False
+    try:
+        require_matplotlib()
+    except PictureError as error:
+        progress.say(str(error))
+        return False
+    return True
+
+
+def tell_pictures(progress: Progress, pictures: Sequence[Path]) -> None:
+    """Say where pictures are."""
+    progress.say("pictures: " + ", ".join(str(picture) for picture in pictures))
+
+
+def status_of(result: dict) -> int:
+    """Return the exit status: 1 if a job of the result failed."""
+    return 1 if result["failures"] else 0

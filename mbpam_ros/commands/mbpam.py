@@ -1,0 +1,111 @@
+"""Everything of mbpam_ros that is not a node, a verb each. "mbpam VERB --help" tells of one."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+from typing import NoReturn, Protocol, cast
+
+from mbpam_ros.commands.verb import Verb
+from mbpam_ros.errors import MbpamError
+
+VERBS = (
+    Verb("demo", "grasp and lift the paper's objects with six node processes", "demo"),
+    Verb("plan", "how to compute a scene within a tolerance, and why", "plan"),
+    Verb("trade", "what accuracy costs: measure the table that plans are made from", "trade", resumes=True),
+    Verb("costs", "what each part of a scene costs, and that it costs nothing where it is absent", "costs"),
+    Verb("stability", "where the plant's steps are stable", "stability"),
+    Verb(
+        "grasps", "the least pressure that holds each of the paper's objects, and what holds it", "grasps", resumes=True
+    ),
+    Verb("peers", "CPU time at equal accuracy beside MuJoCo and PyElastica", "peers"),
+    Verb("fe", "the finite element muscle: beside the paper's, and the laws made from it", "fe"),
+    Verb("metamodels", "metamodels of the muscle beside each other and the paper's", "metamodels"),
+    Verb("sample", "where to run finite elements so that few samples tell most", "sample"),
+    Verb("optimise", "the designs that bend furthest and press hardest, and a compromise", "optimise"),
+    Verb("detect", "the objects in an image file: shape, size and place", "detect"),
+    Verb("compile", "compile all kernels ahead, so that no node does it when it starts", "compile"),
+    Verb("bench", "CPU and latency of the running nodes, beside their budgets", "bench"),
+    Verb("first-grasps", "how long the valves are left alone in the first grasp after a start", "first_grasps"),
+)
+
+INTERRUPTED = 130
+
+EXTRAS = {"rclpy": "ros", "domain_coordinator": "ros", "psutil": "bench", "felupe": "fem"}
+"""Which extra of the package installs what a verb may miss."""
+
+_RAW = argparse.RawDescriptionHelpFormatter
+
+
+class VerbModule(Protocol):
+    """What the module of a verb has."""
+
+    __doc__: str
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Add the verb's arguments."""
+
+    def run(self, options: argparse.Namespace) -> int:
+        """Do it; return the exit status."""
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Says in one line what is wrong with arguments, and where help is."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the line and exit with 2."""
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one verb.
+
+    Returns:
+        Exit status: 0, 1 if it failed or its result is not good, 2 for arguments that cannot be, 130 on Ctrl-C. What
+        went wrong goes to standard error as one line.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    program = "mbpam"
+    verb: Verb | None = None
+    description: str | None = __doc__
+    try:
+        verbs: Sequence[Verb] = VERBS
+        while True:
+            verb = _chosen(program, description, verbs, given[:1])
+            program, given = f"{program} {verb.name}", given[1:]
+            module = importlib.import_module(f"mbpam_ros.commands.{verb.module}")
+            if not hasattr(module, "VERBS"):
+                break
+            verbs, description = module.VERBS, module.__doc__
+        return _run(cast(VerbModule, module), program, given)
+    except KeyboardInterrupt:
+        kept = (
+            "; what is finished is kept, the same command goes on from it" if verb is not None and verb.resumes else ""
+        )
+        print(f"\n{program}: interrupted{kept}", file=sys.stderr)
+        return INTERRUPTED
+    except MbpamError as error:
+        print(f"{program}: {error}", file=sys.stderr)
+        return 1
+    except ModuleNotFoundError as error:
+        if error.name not in EXTRAS:
+            raise
+        print(f"{program}: {error}; pip install 'mbpam_ros[{EXTRAS[error.name]}]'", file=sys.stderr)
+        return 1
+
+
+def _chosen(program: str, description: str | None, verbs: Sequence[Verb], arguments: Sequence[str]) -> Verb:
+    parser = OneLineParser(program, description=description, formatter_class=_RAW)
+    choices = parser.add_subparsers(dest="verb", metavar="VERB", title="verbs", required=True)
+    for verb in verbs:
+        choices.add_parser(verb.name, help=verb.summary, add_help=False)
+    name = parser.parse_args(arguments).verb
+    return next(verb for verb in verbs if verb.name == name)
+
+
+def _run(module: VerbModule, program: str, arguments: Sequence[str]) -> int:
+    parser = OneLineParser(program, description=module.__doc__, formatter_class=_RAW)
+    module.add_arguments(parser)
+    return module.run(parser.parse_args(arguments))

@@ -1,0 +1,1 @@
+"""Solids and rotations: shapes, sizes, inertia, distances."""

@@ -1,0 +1,311 @@
+"""The velocities after a step with contacts: Newton's method on a convex function, with an exact line search."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mbpam_ros.plant.mechanics.contact_config import ContactKind
+from mbpam_ros.plant.mechanics.contact_law import Contacts, contact_force, contact_slope, law_of
+from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross
+
+NEWTON_LIMIT = 60
+LINE_LIMIT = 40
+BISECT_FROM = 5
+"""Trials along one of Newton's steps after which every other one halves what is left of it. Where a contact closes
+further along, the slope is next to nothing before it and huge beyond: false position alone creeps toward it."""
+VELOCITY_TOLERANCE = 1e-8
+"""Largest residual over diagonal [m/s or rad/s] at which the velocities are found."""
+
+
+@njit
+def solve_in_place(a: Array, b: Array, first: NDArray[np.int64]) -> bool:
+    """Solve a x = b for a symmetric positive definite matrix; x ends in b. Returns False if it is none.
+
+    L D L^T inside the envelope: row i is zero before column ``first[i]``, and so is that of L. Only the lower half of a
+    is read, and overwritten by L and the inverse of D.
+    """
+    n = b.shape[0]
+    for i in range(n):
+        pivot, right = a[i, i], b[i]
+        for j in range(first[i], i):
+            total = a[i, j]
+            for k in range(max(first[i], first[j]), j):
+                total -= a[i, k] * a[j, k]  # (L D) of row i, L of row j
+            a[i, j] = total
+        for j in range(first[i], i):
+            scaled = a[i, j] * a[j, j]
+            pivot -= a[i, j] * scaled
+            right -= scaled * b[j]
+            a[i, j] = scaled
+        if not pivot > 0.0:
+            return False
+        a[i, i], b[i] = 1.0 / pivot, right
+    for i in range(n):
+        b[i] *= a[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(first[i], i):
+            b[k] -= a[i, k] * b[i]
+    return True
+
+
+class Scratch(NamedTuple):
+    """Room for the solution of n equations.
+
+    Args:
+        hessian: shape (n, n).
+        smooth, pull, residual, step: a v - b, a times the step, what is left of the equations, and Newton's step, (n,).
+        slope, trial: of one contact, shapes (2, 3, 3) and (6,).
+        first: the envelope of the equations, shape (n,).
+    """
+
+    hessian: Array
+    smooth: Array
+    pull: Array
+    residual: Array
+    step: Array
+    slope: Array
+    trial: Array
+    first: NDArray[np.int64]
+
+
+def scratch(size: int, coordinates: int, fingers: int) -> Scratch:
+    """Return room for ``size`` equations, those of the fingers first; the envelope is that of fingers apart."""
+    first = np.zeros(size, np.int64)
+    for i in range(fingers * coordinates):
+        first[i] = i // coordinates * coordinates
+    return Scratch(
+        np.empty((size, size)),
+        np.empty(size),
+        np.empty(size),
+        np.empty(size),
+        np.empty(size),
+        np.empty((2, 3, 3)),
+        np.empty(6),
+        first,
+    )
+
+
+@njit
+def _columns(contacts: Contacts, c: int, size: int) -> tuple[int, int, int, int]:
+    """Return the columns of the Jacobian from and to which a contact acts, and where its two parts go in the system."""
+    coordinates = contacts.coordinates
+    finger = coordinates * contacts.finger[c]
+    if contacts.kind[c] == ContactKind.FINGER_FINGER:
+        return 0, 2 * coordinates, finger, coordinates * (contacts.other[c] - 1)
+    start = 0 if contacts.finger[c] >= 0 else coordinates
+    stop = coordinates if contacts.kind[c] == ContactKind.FINGER_SUPPORT else coordinates + 6
+    return start, stop, finger, size - 6 - coordinates
+
+
+@njit
+def _product(a: Array, v: Array, first: NDArray[np.int64], product: Array) -> None:
+    """Write a v, of the lower half of a inside the envelope."""
+    for i in range(v.shape[0]):
+        total = a[i, i] * v[i]
+        for j in range(first[i], i):
+            total += a[i, j] * v[j]
+            product[j] += a[i, j] * v[i]
+        product[i] = total
+
+
+@njit
+def _relative(contacts: Contacts, v: Array, relative: Array) -> None:
+    """Write J v of all contacts, shape (n, 6)."""
+    size, coordinates, jacobian = v.shape[0], contacts.coordinates, contacts.jacobian
+    for c in range(contacts.count[0]):
+        start, stop, finger, body = _columns(contacts, c, size)
+        x, y, z, turn_x, turn_y, turn_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for j in range(start, stop):
+            rate = v[finger + j if j < coordinates else body + j]
+            x, y, z = x + jacobian[c, j, 0] * rate, y + jacobian[c, j, 1] * rate, z + jacobian[c, j, 2] * rate
+            turn_x, turn_y, turn_z = (
+                turn_x + jacobian[c, j, 3] * rate,
+                turn_y + jacobian[c, j, 4] * rate,
+                turn_z + jacobian[c, j, 5] * rate,
+            )
+        relative[c, 0], relative[c, 1], relative[c, 2] = x, y, z
+        relative[c, 3], relative[c, 4], relative[c, 5] = turn_x, turn_y, turn_z
+
+
+@njit(forceinline=True)
+def _push(h: float, laws: Array, contacts: Contacts, fraction: float, trial: Array) -> float:
+    """Write the forces at the velocities less ``fraction`` of their change; return their power in the change."""
+    velocity, change, force, power = contacts.velocity, contacts.change, contacts.force, 0.0
+    for c in range(contacts.count[0]):
+        for i in range(6):
+            trial[i] = velocity[c, i] - fraction * change[c, i]
+        contacts.push[c] = contact_force(
+            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.normal[c], trial, force[c]
+        )
+        for i in range(6):
+            power += force[c, i] * change[c, i]
+    return power
+
+
+@njit
+def _residual(smooth: Array, h: float, contacts: Contacts, residual: Array) -> None:
+    """Write a v - b - h sum J^T F of the smooth part a v - b and the forces in the table."""
+    size, coordinates, jacobian, force = smooth.shape[0], contacts.coordinates, contacts.jacobian, contacts.force
+    for i in range(size):
+        residual[i] = smooth[i]
+    for c in range(contacts.count[0]):
+        start, stop, finger, body = _columns(contacts, c, size)
+        x, y, z = h * force[c, 0], h * force[c, 1], h * force[c, 2]
+        turn_x, turn_y, turn_z = h * force[c, 3], h * force[c, 4], h * force[c, 5]
+        for j in range(start, stop):
+            residual[finger + j if j < coordinates else body + j] -= (
+                jacobian[c, j, 0] * x + jacobian[c, j, 1] * y + jacobian[c, j, 2] * z
+                + jacobian[c, j, 3] * turn_x + jacobian[c, j, 4] * turn_y + jacobian[c, j, 5] * turn_z
+            )  # fmt: skip
+
+
+@njit
+def _add_object(
+    stiff: tuple[Vector, Vector, Vector], turning: tuple[Vector, Vector, Vector], arm: Vector, o: int, hessian: Array
+) -> None:
+    """Add to the object's own block, from o on, of the slopes at the arm from its centre; only its lower half.
+
+    Forces there have the moment arm x force about the centre, and turning makes it move by turning x arm.
+    """
+    x, y, z = cross(arm, stiff[0]), cross(arm, stiff[1]), cross(arm, stiff[2])  # moments of unit velocities
+    for i in range(3):
+        for j in range(i + 1):
+            hessian[o + i, o + j] += stiff[i][j]
+        hessian[o + 3 + i, o] += x[i]
+        hessian[o + 3 + i, o + 1] += y[i]
+        hessian[o + 3 + i, o + 2] += z[i]
+        around = cross(arm, (x[i], y[i], z[i]))
+        for j in range(i + 1):
+            hessian[o + 3 + i, o + 3 + j] += around[j] + turning[i][j]
+
+
+@njit
+def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch) -> None:
+    """Write the derivative of the residual; only its lower half.
+
+    The object's columns of J are those of a rigid body: they are not multiplied out.
+    """
+    size, coordinates, jacobian = a.shape[0], contacts.coordinates, contacts.jacobian
+    hessian, slope, first = room.hessian, room.slope, room.first
+    for i in range(size):
+        for j in range(first[i], i + 1):
+            hessian[i, j] = a[i, j]
+    for c in range(contacts.count[0]):
+        contact_slope(
+            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.normal[c],
+            contacts.velocity[c], contacts.push[c], slope,
+        )  # fmt: skip
+        start, stop, finger, body = _columns(contacts, c, size)
+        vxx, vxy, vxz = h * slope[0, 0, 0], h * slope[0, 0, 1], h * slope[0, 0, 2]
+        vyy, vyz, vzz = h * slope[0, 1, 1], h * slope[0, 1, 2], h * slope[0, 2, 2]
+        wxx, wxy, wxz = h * slope[1, 0, 0], h * slope[1, 0, 1], h * slope[1, 0, 2]
+        wyy, wyz, wzz = h * slope[1, 1, 1], h * slope[1, 1, 2], h * slope[1, 2, 2]
+        on_object = stop > coordinates and contacts.kind[c] != ContactKind.FINGER_FINGER
+        o, arm = body + coordinates, (0.0, 0.0, 0.0)
+        if on_object:
+            arm = (  # as the search wrote it into the columns of turning
+                jacobian[c, coordinates + 5, 1],
+                jacobian[c, coordinates + 3, 2],
+                jacobian[c, coordinates + 4, 0],
+            )
+            stiff = ((vxx, vxy, vxz), (vxy, vyy, vyz), (vxz, vyz, vzz))
+            turning = ((wxx, wxy, wxz), (wxy, wyy, wyz), (wxz, wyz, wzz))
+            _add_object(stiff, turning, arm, o, hessian)
+        for i in range(start, coordinates if on_object else stop):
+            row = finger + i if i < coordinates else body + i
+            x, y, z = jacobian[c, i, 0], jacobian[c, i, 1], jacobian[c, i, 2]
+            x, y, z = vxx * x + vxy * y + vxz * z, vxy * x + vyy * y + vyz * z, vxz * x + vyz * y + vzz * z
+            p, q, r = jacobian[c, i, 3], jacobian[c, i, 4], jacobian[c, i, 5]
+            p, q, r = wxx * p + wxy * q + wxz * r, wxy * p + wyy * q + wyz * r, wxz * p + wyz * q + wzz * r
+            if on_object:
+                moment = cross(arm, (x, y, z))
+                hessian[o, row] += x
+                hessian[o + 1, row] += y
+                hessian[o + 2, row] += z
+                hessian[o + 3, row] += moment[0] + p
+                hessian[o + 4, row] += moment[1] + q
+                hessian[o + 5, row] += moment[2] + r
+            for j in range(start, min(i + 1, coordinates)):
+                hessian[row, finger + j] += (
+                    x * jacobian[c, j, 0] + y * jacobian[c, j, 1] + z * jacobian[c, j, 2]
+                    + p * jacobian[c, j, 3] + q * jacobian[c, j, 4] + r * jacobian[c, j, 5]
+                )  # fmt: skip
+            for j in range(coordinates, i + 1):
+                hessian[row, body + j] += (
+                    x * jacobian[c, j, 0] + y * jacobian[c, j, 1] + z * jacobian[c, j, 2]
+                    + p * jacobian[c, j, 3] + q * jacobian[c, j, 4] + r * jacobian[c, j, 5]
+                )  # fmt: skip
+
+
+@njit
+def solve_contacts(
+    a: Array, b: Array, v: Array, h: float, laws: Array, contacts: Contacts, room: Scratch
+) -> tuple[float, int]:
+    """Solve a v = b + h sum J^T F(J v) for v, from v; the table then has the forces.
+
+    Along one of Newton's steps all but the forces is linear, so a trial there costs these only. Of a, only what is in
+    the envelope of ``room`` is read. Returns what is left, the largest |residual_i| / a_ii [m/s or rad/s], and how many
+    steps it took.
+    """
+    size, count, velocity, change = v.shape[0], contacts.count[0], contacts.velocity, contacts.change
+    smooth, pull, residual, step, first = room.smooth, room.pull, room.residual, room.step, room.first
+    _product(a, v, first, smooth)
+    for i in range(size):
+        smooth[i] -= b[i]
+    _relative(contacts, v, velocity)
+    for c in range(count):
+        velocity[c, 2] += contacts.rise[c]
+        for i in range(6):
+            change[c, i] = 0.0
+    _push(h, laws, contacts, 0.0, room.trial)
+    for iteration in range(NEWTON_LIMIT + 1):
+        _residual(smooth, h, contacts, residual)
+        left = 0.0
+        for i in range(size):
+            left = max(left, abs(residual[i]) / a[i, i])
+        if not left > VELOCITY_TOLERANCE or iteration == NEWTON_LIMIT:
+            break
+        _hessian(a, h, laws, contacts, room)
+        for i in range(size):
+            step[i] = residual[i]
+        if not solve_in_place(room.hessian, step, first):
+            return np.inf, iteration
+        _product(a, step, first, pull)
+        _relative(contacts, step, change)
+        # The function's slope along the step rises from below zero: seek its root, if that is before 1 (Illinois).
+        low, high, low_slope, high_slope, fraction = 0.0, 1.0, 0.0, 0.0, 1.0
+        smooth_slope, smooth_rise = 0.0, 0.0
+        for i in range(size):
+            low_slope -= residual[i] * step[i]
+            smooth_slope -= smooth[i] * step[i]
+            smooth_rise += pull[i] * step[i]
+        enough = 1e-2 * abs(low_slope)
+        side, taken = 0, fraction
+        for line in range(LINE_LIMIT):
+            taken = fraction
+            here = smooth_slope + taken * smooth_rise + h * _push(h, laws, contacts, taken, room.trial)
+            if abs(here) <= enough or (line == 0 and here < 0.0):
+                break
+            if here > 0.0:
+                high, high_slope = fraction, here
+                low_slope *= 0.5 if side > 0 else 1.0
+                side = 1
+            else:
+                low, low_slope = fraction, here
+                high_slope *= 0.5 if side < 0 else 1.0
+                side = -1
+            if line < BISECT_FROM or line % 2 == 0:
+                fraction = (low * high_slope - high * low_slope) / (high_slope - low_slope)
+            else:
+                fraction = 0.5 * (low + high)
+        for i in range(size):
+            v[i] -= taken * step[i]
+            smooth[i] -= taken * pull[i]
+        for c in range(count):
+            for i in range(6):
+                velocity[c, i] -= taken * change[c, i]
+    return left, iteration

@@ -1,0 +1,179 @@
+"""Where fingers touch each other: appends to the table of contacts.
+
+Both muscles are swept spheres: the balls of :mod:`~mbpam_ros.plant.mechanics.contact_search`, and the straight pieces
+of centreline between them. Each ball of one that overlaps the other is a contact at the nearest point of the other's
+centreline, with half the weight; the balls of the other make the second half. So the force is spread along both, and
+exchanging the two muscles changes nothing. Depth is 2 R less the distance of the centrelines. A muscle does not touch
+itself.
+
+What cannot meet costs little: muscles are compared by boxes, then by every fourth ball, each widened by how far what
+is between may be, before balls are.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from mbpam_ros.plant.mechanics.contact_config import ContactKind
+from mbpam_ros.plant.mechanics.contact_law import Contacts
+from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position
+from mbpam_ros.plant.mechanics.vectors import Array, Vector, combined, dot, minus, norm, plus, times, vector
+
+_STRIDE, _FINE_STRIDE = 12, 4
+"""Balls from one that spans a box to the next, and from one that is compared singly to the next; the last
+ball (of 49) is among both."""
+_SAME_POINT_M = 1e-9
+
+
+class Lines(NamedTuple):
+    """Room: centreline points of all fingers (4, n, 3), their boxes (4, 2, 3), and two Jacobians of balls (2, 6, D)."""
+
+    points: Array
+    boxes: Array
+    jacobians: Array
+
+
+def lines(rod: Rod, fingers: int) -> Lines:
+    """Return the room for fingers with this rod."""
+    balls, coordinates = rod.balls.shape[0], 2 * rod.bends.shape[2]
+    return Lines(np.empty((fingers, balls, 3)), np.empty((fingers, 2, 3)), np.empty((2, 6, coordinates)))
+
+
+@njit
+def fingers_near(bases: Array, rod: Rod, motion: Motion, room: Lines) -> bool:
+    """Write the boxes of all fingers; return whether any two overlap."""
+    slack = rod.radius + 0.5 * _STRIDE * rod.spacing
+    near = False
+    for f in range(bases.shape[0]):
+        box = room.boxes[f]
+        box[0, :], box[1, :] = np.inf, -np.inf
+        for ball in range(0, rod.balls.shape[0], _STRIDE):
+            place = ball_position(rod, motion.tangent[f], ball)
+            for i in range(3):
+                box[0, i] = min(box[0, i], bases[f, i] + place[i] - slack)
+                box[1, i] = max(box[1, i], bases[f, i] + place[i] + slack)
+        for g in range(f):
+            near = near or _overlap(room.boxes[g], box)
+    return near
+
+
+@njit
+def _overlap(one: Array, other: Array) -> bool:
+    for i in range(3):
+        if one[0, i] > other[1, i] or other[0, i] > one[1, i]:
+            return False
+    return True
+
+
+@njit
+def append_finger_contacts(bases: Array, rod: Rod, motion: Motion, room: Lines, contacts: Contacts) -> None:
+    """Append the contacts of all fingers with each other."""
+    if not fingers_near(bases, rod, motion, room):
+        return
+    _write_points(bases, rod, motion, _FINE_STRIDE, room.points)
+    complete = False
+    for g in range(1, bases.shape[0]):
+        for f in range(g):
+            if _overlap(room.boxes[f], room.boxes[g]) and _may_touch(rod, room.points[f], room.points[g]):
+                if not complete:
+                    _write_points(bases, rod, motion, 1, room.points)
+                    complete = True
+                _ball_contacts(bases, rod, motion, f, g, room, contacts)
+                _ball_contacts(bases, rod, motion, g, f, room, contacts)
+
+
+@njit
+def _write_points(bases: Array, rod: Rod, motion: Motion, stride: int, points: Array) -> None:
+    """Write the places of every ``stride``-th ball of all fingers."""
+    for f in range(bases.shape[0]):
+        for ball in range(0, rod.balls.shape[0], stride):
+            place = plus(vector(bases[f], 0), ball_position(rod, motion.tangent[f], ball))
+            points[f, ball, 0], points[f, ball, 1], points[f, ball, 2] = place
+
+
+@njit
+def _may_touch(rod: Rod, one: Array, other: Array) -> bool:
+    """Whether two muscles may touch, by their compared balls: what is between is within half a stride of one."""
+    reach = 2.0 * rod.radius + _FINE_STRIDE * rod.spacing
+    for k in range(0, one.shape[0], _FINE_STRIDE):
+        for m in range(0, other.shape[0], _FINE_STRIDE):
+            between = minus(vector(one[k], 0), vector(other[m], 0))
+            if dot(between, between) < reach * reach:
+                return True
+    return False
+
+
+@njit
+def _nearest_point(points: Array, spacing: float, place: Vector) -> tuple[float, float]:
+    """Return the ball and fraction along a centreline that is nearest to a place, and its distance.
+
+    The distance to the balls changes by no more than the arc length: those that cannot be the nearest are left out.
+    """
+    balls, best, nearest, k = points.shape[0], np.inf, 0, 0
+    while k < balls:
+        distance = norm(minus(place, vector(points[k], 0)))
+        if distance < best:
+            best, nearest = distance, k
+        k += max(1, int((distance - best) / spacing))
+    along = float(nearest)
+    for k in range(max(nearest - 1, 0), min(nearest + 1, balls - 1)):
+        start = vector(points[k], 0)
+        piece, way = minus(vector(points[k + 1], 0), start), minus(place, start)
+        t = min(max(dot(way, piece) / dot(piece, piece), 0.0), 1.0)
+        distance = norm(minus(way, times(t, piece)))
+        if distance < best:
+            best, along = distance, k + t
+    return along, best
+
+
+@njit
+def _ball_contacts(
+    bases: Array, rod: Rod, motion: Motion, one: int, other: int, room: Lines, contacts: Contacts
+) -> None:
+    """Append the contacts of the balls of finger ``one`` with the centreline of the ``other``."""
+    balls, line = rod.balls.shape[0], room.points[other]
+    next_ball = 0  # the next that may touch
+    for k in range(balls):
+        if k < next_ball:
+            continue
+        centre = vector(room.points[one, k], 0)
+        along, distance = _nearest_point(line, rod.spacing, centre)
+        depth = 2.0 * rod.radius - distance
+        if depth <= 0.0:
+            next_ball = k + math.ceil(-depth / rod.spacing)
+            continue
+        j = min(int(along), balls - 2)
+        t = along - j
+        n = contacts.count[0]
+        contacts.count[0] = n + 1
+        contacts.depth[n], contacts.rise[n], contacts.kind[n] = depth, 0.0, ContactKind.FINGER_FINGER
+        # Half the length about the ball, over the radius; the rounded tip counts as one radius more.
+        length = rod.spacing if 0 < k < balls - 1 else 0.5 * rod.spacing
+        contacts.share[n] = 0.5 * (length / rod.radius + (1.0 if k == balls - 1 else 0.0))
+        contacts.finger[n], contacts.other[n] = min(one, other), max(one, other)
+        # From the finger of lower number into the other, which is the one that is pushed.
+        toward, start = 1.0 if one < other else -1.0, vector(line[j], 0)
+        across = combined(1.0, start, t, minus(vector(line[j + 1], 0), start), -1.0, centre)
+        if distance < _SAME_POINT_M:  # centrelines cross: apart as the clamps are
+            across = minus(vector(bases[other], 0), vector(bases[one], 0))
+        apart = norm(across)
+        normal = (toward * across[0] / apart, toward * across[1] / apart, toward * across[2] / apart)
+        contacts.normal[n, 0], contacts.normal[n, 1], contacts.normal[n, 2] = normal
+        coordinates, jacobian = contacts.coordinates, contacts.jacobian[n].T
+        arm = times(0.5 * toward * distance, normal)  # to the point half-way between the centrelines
+        back = times(-1.0, arm)
+        own, others = (0, coordinates) if one < other else (coordinates, 0)
+        near, far = room.jacobians[0], room.jacobians[1]
+        ball_jacobian(rod, motion, one, k, -toward, arm, near)
+        for i in range(6):
+            for c in range(coordinates):
+                jacobian[i, own + c] = near[i, c]
+        ball_jacobian(rod, motion, other, j, toward * (1.0 - t), back, near)
+        ball_jacobian(rod, motion, other, j + 1, toward * t, back, far)
+        for i in range(6):
+            for c in range(coordinates):
+                jacobian[i, others + c] = near[i, c] + far[i, c]

@@ -1,0 +1,568 @@
+r"""Four muscles and one rigid object: the coupled step, compiled.
+
+Unknowns: the velocities v after a sub-step, those of the D = 2 m coordinates q of each muscle and (with an object) its
+linear and angular velocity. With the stiffness B and the active length L, mode i of a muscle has the stiffness
+k_i = B / (L (2 i + 1)), the integral of B P_i^2 over the length; M0 acts on mode 0 only. Each muscle, with the
+evaluation point theta:
+
+    M (v - v0) / h = M0 - k (q + theta h v_theta) - eta k v_theta + load + J_c^T F
+    v_theta = (1 - theta) v0 + theta v
+
+theta = 1/2 for a body that touches nothing (implicit midpoint, second order: M, load and velocity terms are taken at
+the midpoint, which the first sweep finds and the second uses) and 1 for one in contact (first order, and damped where
+the penalty is stiff). Sweeps repeated until nothing changes give the implicit midpoint rule itself, which is symmetric
+in time: without damping energy swings by O(h^2) and does not drift (of fourth order it is made by
+:mod:`~mbpam_ros.plant.mechanics.composition`). With damping the second sweep is the last: what a third one would change
+is less than the error of the step.
+
+Stability: elastic, damping and contact terms are implicit, so neither k, eta nor the contact stiffness limits the
+step; gravity and velocity terms are explicit and ask for h sqrt(g / l) < 1 and h |dq/dt| < 1, which 10 ms meet.
+Contact points, normals and friction loads are those at the start of the sub-step; it is this that sets the error in
+contact.
+
+Sweeps go on from what the sub-step before saw at its midpoint, and the contact solution from where the change of the
+velocities before leads; both outlast a call, so that a span cut into calls ends as it does in one, to
+rounding.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mbpam_ros.geometry import rotations, surfaces
+from mbpam_ros.plant.mechanics.contact_config import ContactKind
+from mbpam_ros.plant.mechanics.contact_law import Contacts, contact_table
+from mbpam_ros.plant.mechanics.contact_search import (
+    Places,
+    Surroundings,
+    find_contacts,
+    places,
+)
+from mbpam_ros.plant.mechanics.contact_solver import Scratch, scratch, solve_contacts, solve_in_place
+from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines
+from mbpam_ros.plant.mechanics.packed_arguments import Block, access, new_block
+from mbpam_ros.plant.mechanics.rod import Motion, Rod, masses_and_loads, motion_at_rest, move_rods
+from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross, dot, norm, plus, times, vector
+
+OK, NOT_FINITE, TOO_FAST, NOT_SOLVED, TOO_BENT = 0, 1, 2, 3, 4
+"""What a step answers."""
+
+SOLVED_M_S = 1e-4
+"""What may be left of the contact equations."""
+
+FOUND_RAD_S = 1e-9
+"""A sweep that changes the velocities by less was the last."""
+
+LARGEST_BEND_RAD = 8.0
+"""Beyond it (460 deg) the polynomials between the points of a rod no longer follow its tangents."""
+
+
+class State(NamedTuple):
+    """What moves.
+
+    Args:
+        shape: coordinates q of the muscles [rad], shape (4 D,).
+        velocity: their rates and, with an object, its linear and angular velocity, shape (4 D,) or (4 D + 6,).
+        position, orientation: of the object, shapes (3,) and (4,).
+    """
+
+    shape: Array
+    velocity: Array
+    position: Array
+    orientation: Array
+
+
+class Drive(NamedTuple):
+    """What bends the muscles: moments and stiffnesses at the start and the end of a call, linear between them.
+
+    Args:
+        moments, stiffnesses: shapes (2, 4, 2) and (2, 4).
+    """
+
+    moments: Array
+    stiffnesses: Array
+
+
+class System(NamedTuple):
+    """What does not change.
+
+    Args:
+        step_s: length of a sub-step.
+        sweeps: the most evaluations of masses and loads in a step in which nothing touches.
+        gravity: along +z.
+        bases: clamp points, shape (4, 3).
+        rod, retardation: mechanics of a muscle, and its damping over its stiffness.
+        mass, inertia: of the object, about its own axes, shape (3,).
+        surroundings: what muscles may touch.
+        laws: of contact, one row a kind.
+    """
+
+    step_s: float
+    sweeps: int
+    gravity: float
+    bases: Array
+    rod: Rod
+    retardation: float
+    mass: float
+    inertia: Array
+    surroundings: Surroundings
+    laws: Array
+
+
+class Forces(NamedTuple):
+    """Forces after a step.
+
+    Args:
+        finger, support, palm: on the object, of the fingers (4, 3), of its support (3,) and of the palm (3,).
+        between: on each finger, of the other fingers, shape (4, 3).
+    """
+
+    finger: Array
+    support: Array
+    palm: Array
+    between: Array
+
+
+_rotation_rows, _product = njit(rotations.rotation_rows), njit(rotations.product)
+
+
+@njit
+def write_rotation(q: Array, r: Array) -> None:
+    """Write the rotation of the quaternion (x, y, z, w) into r (3, 3)."""
+    rows = _rotation_rows(q[0], q[1], q[2], q[3])
+    for i in range(3):
+        r[i, 0], r[i, 1], r[i, 2] = rows[i]
+
+
+@njit
+def turned(q: Array, turn: Vector, result: Array) -> None:
+    """Write exp(turn) q, normalised, into ``result``; the turning vector is in the world frame."""
+    angle = norm(turn)
+    scale = math.sin(0.5 * angle) / angle if angle > 1e-9 else 0.5
+    x, y, z = times(scale, turn)
+    rx, ry, rz, rw = _product((x, y, z, math.cos(0.5 * angle)), (q[0], q[1], q[2], q[3]))
+    unit = 1.0 / math.sqrt(rx * rx + ry * ry + rz * rz + rw * rw)
+    result[0], result[1], result[2], result[3] = rx * unit, ry * unit, rz * unit, rw * unit
+
+
+class Room(NamedTuple):
+    """Room for the muscles: coordinates, rates, loads (4, D), masses (4, D, D), and work of ``masses_and_loads``."""
+
+    shape: Array
+    rate: Array
+    load: Array
+    mass: Array
+    work: Array
+
+
+class Work(NamedTuple):
+    """Room for a step, and what the next one goes on from.
+
+    Args:
+        midpoint_known: whether ``motion`` and ``room`` are those at the last midpoint, shape (1,).
+        ahead_known: whether ``ahead`` holds, shape (1,).
+        motion: where the last sweep saw the muscles.
+        gain, ahead: of the velocities in the last sub-step, and in the next one if they go on as in the last two.
+        a, b, start: of the equations a v = b, and the velocities before, shapes (n, n), (n,) and (n,).
+        theta, rotation, middle, turn: of the bodies (5,) and of the object, (3, 3), (4,) and (3,).
+        room, spots, room_of_lines, equations: of the muscles, the contact search and the contact solution.
+    """
+
+    midpoint_known: NDArray[np.bool_]
+    ahead_known: NDArray[np.bool_]
+    motion: Motion
+    gain: Array
+    ahead: Array
+    a: Array
+    b: Array
+    start: Array
+    theta: Array
+    rotation: Array
+    middle: Array
+    turn: Array
+    room: Room
+    spots: Places
+    room_of_lines: Lines
+    equations: Scratch
+
+
+class Parts(NamedTuple):
+    """All that a call of :func:`advance` reads and writes but the hand's motion.
+
+    Args:
+        motion: that of the state when it was last shown.
+    """
+
+    state: State
+    drive: Drive
+    system: System
+    contacts: Contacts
+    motion: Motion
+    forces: Forces
+    work: Work
+
+
+def assemble(state: State, system: System, contacts: Contacts) -> Parts:
+    """Return the parts with room for the rest; nothing drives the muscles yet."""
+    fingers, (segments, _, modes), size = len(system.bases), system.rod.bends.shape, len(state.velocity)
+    columns = 2 * modes
+    return Parts(
+        state,
+        Drive(np.zeros((2, fingers, 2)), np.ones((2, fingers))),
+        system,
+        contacts,
+        motion_at_rest(fingers, modes, segments),
+        Forces(np.zeros((fingers, 3)), np.zeros(3), np.zeros(3), np.zeros((fingers, 3))),
+        Work(
+            midpoint_known=np.zeros(1, np.bool_),
+            ahead_known=np.zeros(1, np.bool_),
+            motion=motion_at_rest(fingers, modes, segments),
+            gain=np.zeros(size),
+            ahead=np.zeros(size),
+            a=np.zeros((size, size)),
+            b=np.zeros(size),
+            start=np.zeros(size),
+            theta=np.zeros(fingers + 1),
+            rotation=np.eye(3),
+            middle=np.zeros(4),
+            turn=np.zeros(3),
+            room=Room(
+                np.zeros((fingers, columns)),
+                np.zeros((fingers, columns)),
+                np.zeros((fingers, columns)),
+                np.zeros((fingers, columns, columns)),
+                np.zeros((modes + 1, 6 * segments)),
+            ),
+            spots=places(system.surroundings),
+            room_of_lines=lines(system.rod, fingers),
+            equations=scratch(size, columns, fingers),
+        ),
+    )
+
+
+@njit
+def _move_muscles(state: State, start: Array, system: System, share: float, motion: Motion, room: Room) -> None:
+    """Write the motion of the muscles after ``share`` of the step."""
+    fingers, size = room.shape.shape
+    for f in range(fingers):
+        for i in range(size):
+            n = f * size + i
+            room.rate[f, i] = (1.0 - share) * start[n] + share * state.velocity[n]
+            room.shape[f, i] = state.shape[n] + share * system.step_s * room.rate[f, i]
+    move_rods(room.shape, room.rate, system.rod, motion)
+
+
+@njit
+def _muscle_equations(
+    state: State, start: Array, system: System, drive: Drive, blend: float, theta: Array, room: Room,
+    a: Array, b: Array,
+) -> None:  # fmt: skip
+    """Write the muscles' rows of a v = b with the masses and loads in ``room``."""
+    h, eta, springs = system.step_s, system.retardation, system.rod.springs
+    fingers, size = room.shape.shape
+    for f in range(fingers):
+        stiffness = h * ((1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f])
+        t, first = theta[f], f * size
+        implicit, explicit = t * (eta + t * h), (1.0 - t) * (eta + t * h)
+        for i in range(size):
+            n, k = first + i, stiffness * springs[i >> 1]
+            total = h * room.load[f, i] - k * (state.shape[n] + explicit * start[n])
+            if i < 2:
+                total += h * ((1.0 - blend) * drive.moments[0, f, i] + blend * drive.moments[1, f, i])
+            for j in range(size):
+                a[n, first + j] = room.mass[f, i, j]
+                total += room.mass[f, i, j] * start[first + j]
+            a[n, n] += k * implicit
+            b[n] = total
+
+
+@njit
+def _object_equations(
+    state: State, start: Array, system: System, share: float, rotation: Array, middle: Array, a: Array, b: Array
+) -> None:
+    """Write the object's rows of a v = b; its inertia and velocity terms after ``share`` of the step."""
+    h, n = system.step_s, state.shape.shape[0]
+    w = plus(times(1.0 - share, vector(start, n + 3)), times(share, vector(state.velocity, n + 3)))
+    turned(state.orientation, times(0.5 * h, w), middle)
+    write_rotation(middle, rotation)
+    for i in range(3):
+        a[n + i, n + i] = system.mass
+        b[n + i] = system.mass * (start[n + i] + (h * system.gravity if i == 2 else 0.0))
+        for j in range(3):
+            total = 0.0
+            for k in range(3):
+                total += rotation[i, k] * system.inertia[k] * rotation[j, k]
+            a[n + 3 + i, n + 3 + j] = total
+    spin = (dot(vector(a[n + 3], n + 3), w), dot(vector(a[n + 4], n + 3), w), dot(vector(a[n + 5], n + 3), w))
+    b[n + 3], b[n + 4], b[n + 5] = times(-h, cross(w, spin))
+    for i in range(n + 3, n + 6):
+        for j in range(n + 3, n + 6):
+            b[i] += a[i, j] * start[j]
+
+
+@njit
+def _move(state: State, start: Array, h: float, theta: Array, turn: Array) -> int:
+    """Move muscles and object by the velocities; return OK or what went wrong."""
+    shape, v = state.shape, state.velocity
+    n, fingers = shape.shape[0], theta.shape[0] - 1
+    for i in range(v.shape[0]):
+        if not math.isfinite(v[i]):
+            return NOT_FINITE
+        if abs(v[i]) > (5000.0 if i < n else (50.0 if i < n + 3 else 1000.0)):
+            return TOO_FAST
+    for i in range(n):
+        t = theta[i // (n // fingers)]
+        shape[i] += h * ((1.0 - t) * start[i] + t * v[i])
+        if abs(shape[i]) > LARGEST_BEND_RAD:
+            return TOO_BENT
+    if v.shape[0] > n:
+        t = theta[-1]
+        for i in range(6):
+            way = h * ((1.0 - t) * start[n + i] + t * v[n + i])
+            if i < 3:
+                state.position[i] += way
+            else:
+                turn[i - 3] = way
+        turned(state.orientation, vector(turn, 0), state.orientation)
+    return OK
+
+
+@njit
+def _sum_forces(contacts: Contacts, forces: Forces) -> None:
+    forces.finger[:] = 0.0
+    forces.support[:] = 0.0
+    forces.palm[:] = 0.0
+    forces.between[:] = 0.0
+    for c in range(contacts.count[0]):
+        for i in range(3):
+            if contacts.kind[c] == ContactKind.FINGER_OBJECT:
+                forces.finger[contacts.finger[c], i] += contacts.force[c, i]
+            elif contacts.kind[c] == ContactKind.OBJECT_SUPPORT:
+                forces.support[i] += contacts.force[c, i]
+            elif contacts.kind[c] == ContactKind.OBJECT_PALM:
+                forces.palm[i] += contacts.force[c, i]
+            elif contacts.kind[c] == ContactKind.FINGER_FINGER:
+                forces.between[contacts.finger[c], i] -= contacts.force[c, i]
+                forces.between[contacts.other[c], i] += contacts.force[c, i]
+
+
+@njit
+def _may_touch(around: Surroundings) -> bool:
+    """Whether there is anything but muscles that a muscle may reach, or an object that may touch something else."""
+    return around.shape >= 0 or around.table_in_reach
+
+
+@njit(forceinline=True)
+def _touch(state: State, system: System, lift: float, hand_velocity: float, work: Work, contacts: Contacts) -> bool:
+    """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
+    muscles, coordinates, theta, first = state.shape.shape[0], contacts.coordinates, work.theta, work.equations.first
+    write_rotation(state.orientation, work.rotation)
+    find_contacts(
+        system.bases, system.rod, work.motion, system.surroundings, state.position, work.rotation, lift, hand_velocity,
+        work.spots, work.room_of_lines, contacts,
+    )  # fmt: skip
+    touching: bool = contacts.count[0] > 0
+    for i in range(state.velocity.shape[0]):
+        first[i] = i // coordinates * coordinates if i < muscles else (0 if touching else muscles)
+    for c in range(contacts.count[0]):
+        theta[contacts.finger[c]] = 1.0  # -1, none: the object's, which is the last
+        if contacts.kind[c] == ContactKind.FINGER_FINGER:
+            other = contacts.other[c]
+            theta[other] = 1.0
+            for i in range(coordinates * other, coordinates * (other + 1)):
+                first[i] = min(first[i], coordinates * contacts.finger[c])
+        elif contacts.kind[c] != ContactKind.FINGER_SUPPORT:
+            theta[-1] = 1.0
+    return touching
+
+
+@njit(inline="always")
+def _begin(state: State, work: Work, contacts: Contacts) -> None:
+    """Begin a sub-step: nothing touches yet."""
+    contacts.count[0] = 0
+    work.theta[:] = 0.5
+    for i in range(state.velocity.shape[0]):
+        work.start[i] = state.velocity[i]
+
+
+@njit(inline="always")
+def _solve_in_the_air(velocity: Array, work: Work) -> tuple[bool, float]:
+    """Solve a v = b; return whether it could be, and by how much a velocity differs from the last sweep's."""
+    if not solve_in_place(work.a, work.b, work.equations.first):
+        return False, 0.0
+    changed = 0.0
+    for i in range(velocity.shape[0]):
+        changed = max(changed, abs(work.b[i] - velocity[i]))
+        velocity[i] = work.b[i]
+    return True, changed
+
+
+@njit(inline="always")
+def _solve_in_contact(velocity: Array, system: System, ahead: bool, contacts: Contacts, work: Work) -> tuple[int, int]:
+    """Solve a v = b + h J^T F; return OK or what went wrong, and the number of Newton steps."""
+    if ahead:
+        for i in range(velocity.shape[0]):
+            velocity[i] += work.ahead[i]
+    left, count = solve_contacts(work.a, work.b, velocity, system.step_s, system.laws, contacts, work.equations)
+    return OK if left < SOLVED_M_S else NOT_SOLVED, count
+
+
+@njit(inline="always")
+def _find_velocities(
+    parts: Parts, heights: Array, rates: Array, step: int, midpoint: bool, ahead: bool
+) -> tuple[int, int, bool]:
+    """Write the velocities after a sub-step; return OK or what went wrong, Newton's steps, and whether it touches.
+
+    The first sweep is at the start, or, where nothing is in reach, with what the step before saw at its midpoint. Later
+    ones are at the midpoint that the one before found.
+    """
+    state, drive, system, contacts, work = parts.state, parts.drive, parts.system, parts.contacts, parts.work
+    motion, room, around = work.motion, work.room, system.surroundings
+    blend = (step + 0.5) / (heights.shape[0] - 1)
+    gravity = system.gravity + (rates[step + 1] - rates[step]) / system.step_s
+    in_reach, touching = _may_touch(around), False
+    # Whether fingers may meet is asked of where the last sweep saw them, which costs no motion of its own.
+    near = in_reach or (around.fingers_touch and fingers_near(system.bases, system.rod, motion, work.room_of_lines))
+    for sweep in range(system.sweeps):
+        share = 0.5 if sweep > 0 else 0.0
+        anew = in_reach or sweep > 0 or not midpoint
+        if anew or near:
+            _move_muscles(state, work.start, system, share, motion, room)
+        if sweep == 0 and near:
+            touching = _touch(state, system, heights[step], rates[step + 1], work, contacts)
+        if anew or touching:
+            masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
+        _muscle_equations(state, work.start, system, drive, blend, work.theta, room, work.a, work.b)
+        if state.velocity.shape[0] > state.shape.shape[0]:
+            _object_equations(state, work.start, system, share, work.rotation, work.middle, work.a, work.b)
+        if touching:  # contact is of first order: the midpoint would not help
+            answer, count = _solve_in_contact(state.velocity, system, ahead, contacts, work)
+            return answer, count, True
+        solved, changed = _solve_in_the_air(state.velocity, work)
+        if not solved:
+            return NOT_FINITE, 0, False
+        if changed < FOUND_RAD_S:
+            break
+    return OK, 0, False
+
+
+@njit(inline="always")
+def _look_ahead(velocity: Array, ahead: bool, work: Work) -> None:
+    """Write how the velocities have changed, and will if they go on as in the last two sub-steps, or in this one."""
+    for i in range(velocity.shape[0]):
+        gain = velocity[i] - work.start[i]
+        work.ahead[i] = 2.0 * gain - work.gain[i] if ahead else gain
+        work.gain[i] = gain
+
+
+@njit(inline="always")
+def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
+    """Do the work of ``advance``.
+
+    This and its phases are compiled as parts of their one caller: to hand sixty arrays on costs more than they do.
+    """
+    state, system, contacts, work = parts.state, parts.system, parts.contacts, parts.work
+    steps = heights.shape[0] - 1
+    if steps == 0:
+        _move_muscles(state, state.velocity, system, 0.0, parts.motion, work.room)
+        return OK, 0
+    iterations, midpoint, ahead = 0, work.midpoint_known[0], work.ahead_known[0]
+    work.midpoint_known[0] = work.ahead_known[0] = False  # unless all goes well
+    if system.surroundings.fingers_touch and not midpoint:
+        _move_muscles(state, state.velocity, system, 0.0, work.motion, work.room)
+    for step in range(steps):
+        _begin(state, work, contacts)
+        answer, count, touching = _find_velocities(parts, heights, rates, step, midpoint, ahead)
+        iterations = max(iterations, count)
+        if answer == OK:
+            answer = _move(state, work.start, system.step_s, work.theta, work.turn)
+        if answer != OK:
+            return answer, iterations
+        _look_ahead(state.velocity, ahead, work)
+        midpoint, ahead = not touching, True
+    work.midpoint_known[0], work.ahead_known[0] = midpoint, ahead
+    _sum_forces(contacts, parts.forces)
+    return OK, iterations
+
+
+def forget(work: Work) -> None:
+    """Let the next step go on from the state alone."""
+    work.midpoint_known[0] = work.ahead_known[0] = False
+
+
+def _sample() -> Parts:
+    """Return parts of the types that all have: of one muscle with one segment and one ball."""
+    rod = Rod(np.ones((1, 2, 1)), np.ones(1), np.ones((1, 1)), np.ones(1), np.ones((1, 2)), np.ones((1, 2)), 1.0, 1.0)
+    around = Surroundings(-1, np.zeros(3), np.zeros((0, 3)), False, False)
+    system = System(1.0, 1, 0.0, np.zeros((1, 3)), rod, 0.0, 0.0, np.zeros(3), around, np.zeros((5, 7)))
+    return assemble(State(np.zeros(2), np.zeros(2), np.zeros(3), np.zeros(4)), system, contact_table(1, 2))
+
+
+_write, _read = access(_sample())
+
+
+def _cached(
+    source_digest: int,
+) -> tuple[Callable[[Block, Parts], None], Callable[[Block, Array, Array], tuple[int, int]]]:
+    """Compile ``_bind`` and ``advance`` into the cache on disk.
+
+    The cache only watches the file of the cached function. A digest of all sources it is built from, being part of
+    the closure, is part of the cache's key: no stale machine code after an edit of another file.
+    """
+
+    @njit(cache=True)
+    def _bind(bound: Block, parts: Parts) -> None:
+        if source_digest >= 0:
+            _write(bound, parts)
+
+    @njit(cache=True)
+    def advance(bound: Block, heights: Array, rates: Array) -> tuple[int, int]:
+        """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps.
+
+        Without a sub-step this shows the state: it writes ``motion``, and nothing else.
+
+        Args:
+            bound: the parts, from :func:`bind`.
+            heights, rates: of the hand at the ends of all sub-steps, shape (n + 1,).
+        """
+        if source_digest < 0:
+            return NOT_SOLVED, 0
+        return _advance(_read(bound), heights, rates)
+
+    return _bind, advance
+
+
+def kernel_sources() -> list[Path]:
+    """Return all files that hold compiled code of the step."""
+    folders = (Path(__file__).parent, Path(surfaces.__file__).parent)
+    return [source for folder in folders for source in sorted(folder.glob("*.py"))]
+
+
+def source_digest(sources: Iterable[Path]) -> int:
+    """Return a number that is another one when a file is."""
+    digest = 0
+    for source in sources:
+        digest = zlib.crc32(source.read_bytes(), digest)
+    return digest
+
+
+_bind, advance = _cached(source_digest(kernel_sources()))
+
+
+def bind(parts: Parts) -> Block:
+    """Return the parts for :func:`advance`; changes of their arrays are seen on both sides. Keep them as long as this.
+
+    Raises:
+        numba.TypingError: an array is not contiguous or not of its type.
+    """
+    bound = new_block(parts)
+    _bind(bound, parts)
+    return bound

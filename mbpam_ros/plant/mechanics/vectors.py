@@ -1,0 +1,82 @@
+"""Vectors in space as three numbers, compiled: no array is made, and the compiler keeps them in registers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+
+@njit
+def vector(values: Array, first: int) -> Vector:
+    """Return three successive numbers of an array (n,)."""
+    return values[first], values[first + 1], values[first + 2]
+
+
+@njit
+def dot(a: Vector, b: Vector) -> float:
+    """Return a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit
+def norm(a: Vector) -> float:
+    """Return |a|."""
+    return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+
+
+@njit
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit
+def plus(a: Vector, b: Vector) -> Vector:
+    """Return a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@njit
+def minus(a: Vector, b: Vector) -> Vector:
+    """Return a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@njit
+def times(s: float, a: Vector) -> Vector:
+    """Return s a."""
+    return s * a[0], s * a[1], s * a[2]
+
+
+@njit
+def combined(r: float, a: Vector, s: float, b: Vector, t: float, c: Vector) -> Vector:
+    """Return r a + s b + t c."""
+    return r * a[0] + s * b[0] + t * c[0], r * a[1] + s * b[1] + t * c[1], r * a[2] + s * b[2] + t * c[2]
+
+
+@njit
+def to_body(rotation: Array, a: Vector) -> Vector:
+    """Return R^T a for the rotation R (3, 3) from the body: components along its axes."""
+    x, y, z = a
+    return (
+        rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z,
+        rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z,
+        rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z,
+    )
+
+
+@njit
+def to_world(rotation: Array, a: Vector) -> Vector:
+    """Return R a for the rotation R (3, 3) from the body."""
+    x, y, z = a
+    return (
+        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
+        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
+        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
+    )

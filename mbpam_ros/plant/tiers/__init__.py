@@ -1,0 +1,1 @@
+"""Ways to compute how muscles and object move: one face, one file a tier."""
