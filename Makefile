@@ -32,6 +32,7 @@ check: lint
 
 # The node tests on ROS 2 Jazzy, whose wheels must not share an environment with those of Kilted.
 test-jazzy: $(JAZZY)/test.stamp
+	@$(JAZZY)/bin/mbpam compile
 	$(JAZZY)/bin/python -m pytest --numprocesses 2 --dist loadgroup test/integration
 
 compiled: $(VENV)/run.stamp
