@@ -148,7 +148,7 @@ def _rest_contacts(
             _object_columns(place, contacts.coordinates, contacts.jacobian[n].T)
 
 
-@njit(forceinline=True)
+@njit(inline="always")
 def find_contacts(
     bases: Array, rod: Rod, motion: Motion, around: Surroundings, centre: Array, rotation: Array,
     lift: float, hand_velocity: float, room: Places, room_of_lines: Lines, contacts: Contacts,

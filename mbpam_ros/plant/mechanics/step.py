@@ -360,7 +360,7 @@ def _may_touch(around: Surroundings) -> bool:
     return around.shape >= 0 or around.table_in_reach
 
 
-@njit(forceinline=True)
+@njit(inline="always")
 def _touch(state: State, system: System, lift: float, hand_velocity: float, work: Work, contacts: Contacts) -> bool:
     """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
     muscles, coordinates, theta, first = state.shape.shape[0], contacts.coordinates, work.theta, work.equations.first
@@ -384,35 +384,25 @@ def _touch(state: State, system: System, lift: float, hand_velocity: float, work
     return touching
 
 
-@njit(inline="always")
-def _begin(state: State, work: Work, contacts: Contacts) -> None:
-    """Begin a sub-step: nothing touches yet."""
-    contacts.count[0] = 0
-    work.theta[:] = 0.5
-    for i in range(state.velocity.shape[0]):
-        work.start[i] = state.velocity[i]
-
-
-@njit(inline="always")
-def _solve_in_the_air(velocity: Array, work: Work) -> tuple[bool, float]:
+@njit
+def _solve_in_the_air(a: Array, b: Array, first: NDArray[np.int64], velocity: Array) -> tuple[bool, float]:
     """Solve a v = b; return whether it could be, and by how much a velocity differs from the last sweep's."""
-    if not solve_in_place(work.a, work.b, work.equations.first):
+    if not solve_in_place(a, b, first):
         return False, 0.0
     changed = 0.0
     for i in range(velocity.shape[0]):
-        changed = max(changed, abs(work.b[i] - velocity[i]))
-        velocity[i] = work.b[i]
+        changed = max(changed, abs(b[i] - velocity[i]))
+        velocity[i] = b[i]
     return True, changed
 
 
-@njit(inline="always")
-def _solve_in_contact(velocity: Array, system: System, ahead: bool, contacts: Contacts, work: Work) -> tuple[int, int]:
-    """Solve a v = b + h J^T F; return OK or what went wrong, and the number of Newton steps."""
-    if ahead:
-        for i in range(velocity.shape[0]):
-            velocity[i] += work.ahead[i]
-    left, count = solve_contacts(work.a, work.b, velocity, system.step_s, system.laws, contacts, work.equations)
-    return OK if left < SOLVED_M_S else NOT_SOLVED, count
+@njit
+def _look_ahead(velocity: Array, start: Array, extrapolate: bool, gain: Array, ahead: Array) -> None:
+    """Write how the velocities have changed, and will if they go on as in the last two sub-steps, or in this one."""
+    for i in range(velocity.shape[0]):
+        change = velocity[i] - start[i]
+        ahead[i] = 2.0 * change - gain[i] if extrapolate else change
+        gain[i] = change
 
 
 @njit(inline="always")
@@ -444,9 +434,14 @@ def _find_velocities(
         if state.velocity.shape[0] > state.shape.shape[0]:
             _object_equations(state, work.start, system, share, work.rotation, work.middle, work.a, work.b)
         if touching:  # contact is of first order: the midpoint would not help
-            answer, count = _solve_in_contact(state.velocity, system, ahead, contacts, work)
-            return answer, count, True
-        solved, changed = _solve_in_the_air(state.velocity, work)
+            if ahead:
+                for i in range(state.velocity.shape[0]):
+                    state.velocity[i] += work.ahead[i]
+            left, count = solve_contacts(
+                work.a, work.b, state.velocity, system.step_s, system.laws, contacts, work.equations
+            )
+            return OK if left < SOLVED_M_S else NOT_SOLVED, count, True
+        solved, changed = _solve_in_the_air(work.a, work.b, work.equations.first, state.velocity)
         if not solved:
             return NOT_FINITE, 0, False
         if changed < FOUND_RAD_S:
@@ -455,19 +450,11 @@ def _find_velocities(
 
 
 @njit(inline="always")
-def _look_ahead(velocity: Array, ahead: bool, work: Work) -> None:
-    """Write how the velocities have changed, and will if they go on as in the last two sub-steps, or in this one."""
-    for i in range(velocity.shape[0]):
-        gain = velocity[i] - work.start[i]
-        work.ahead[i] = 2.0 * gain - work.gain[i] if ahead else gain
-        work.gain[i] = gain
-
-
-@njit(inline="always")
 def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     """Do the work of ``advance``.
 
-    This and its phases are compiled as parts of their one caller: to hand sixty arrays on costs more than they do.
+    ``inline``: to hand sixty arrays on takes longer than what is done with them, in the compiler too. Where an array or
+    two are handed on, or there is more than one caller, a function of its own is compiled faster.
     """
     state, system, contacts, work = parts.state, parts.system, parts.contacts, parts.work
     steps = heights.shape[0] - 1
@@ -479,14 +466,17 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     if system.surroundings.fingers_touch and not midpoint:
         _move_muscles(state, state.velocity, system, 0.0, work.motion, work.room)
     for step in range(steps):
-        _begin(state, work, contacts)
+        contacts.count[0] = 0
+        work.theta[:] = 0.5
+        for i in range(state.velocity.shape[0]):
+            work.start[i] = state.velocity[i]
         answer, count, touching = _find_velocities(parts, heights, rates, step, midpoint, ahead)
         iterations = max(iterations, count)
         if answer == OK:
             answer = _move(state, work.start, system.step_s, work.theta, work.turn)
         if answer != OK:
             return answer, iterations
-        _look_ahead(state.velocity, ahead, work)
+        _look_ahead(state.velocity, work.start, ahead, work.gain, work.ahead)
         midpoint, ahead = not touching, True
     work.midpoint_known[0], work.ahead_known[0] = midpoint, ahead
     _sum_forces(contacts, parts.forces)
