@@ -34,7 +34,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mbpam_ros.geometry import rotations, surfaces
@@ -48,6 +47,7 @@ from mbpam_ros.plant.mechanics.contact_search import (
 )
 from mbpam_ros.plant.mechanics.contact_solver import Scratch, scratch, solve_contacts, solve_in_place
 from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines
+from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.packed_arguments import Block, access, new_block
 from mbpam_ros.plant.mechanics.rod import Motion, Rod, masses_and_loads, motion_at_rest, move_rods
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross, dot, norm, plus, times, vector
@@ -131,10 +131,10 @@ class Forces(NamedTuple):
     between: Array
 
 
-_rotation_rows, _product = njit(rotations.rotation_rows), njit(rotations.product)
+_rotation_rows, _product = kernel(rotations.rotation_rows), kernel(rotations.product)
 
 
-@njit
+@kernel
 def write_rotation(q: Array, r: Array) -> None:
     """Write the rotation of the quaternion (x, y, z, w) into r (3, 3)."""
     rows = _rotation_rows(q[0], q[1], q[2], q[3])
@@ -142,7 +142,7 @@ def write_rotation(q: Array, r: Array) -> None:
         r[i, 0], r[i, 1], r[i, 2] = rows[i]
 
 
-@njit
+@kernel
 def turned(q: Array, turn: Vector, result: Array) -> None:
     """Write exp(turn) q, normalised, into ``result``; the turning vector is in the world frame."""
     angle = norm(turn)
@@ -248,7 +248,7 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
     )
 
 
-@njit
+@kernel
 def _move_muscles(state: State, start: Array, system: System, share: float, motion: Motion, room: Room) -> None:
     """Write the motion of the muscles after ``share`` of the step."""
     fingers, size = room.shape.shape
@@ -260,7 +260,7 @@ def _move_muscles(state: State, start: Array, system: System, share: float, moti
     move_rods(room.shape, room.rate, system.rod, motion)
 
 
-@njit
+@kernel
 def _muscle_equations(
     state: State, start: Array, system: System, drive: Drive, blend: float, theta: Array, room: Room,
     a: Array, b: Array,
@@ -284,7 +284,7 @@ def _muscle_equations(
             b[n] = total
 
 
-@njit
+@kernel
 def _object_equations(
     state: State, start: Array, system: System, share: float, rotation: Array, middle: Array, a: Array, b: Array
 ) -> None:
@@ -308,7 +308,7 @@ def _object_equations(
             b[i] += a[i, j] * start[j]
 
 
-@njit
+@kernel
 def _move(state: State, start: Array, h: float, theta: Array, turn: Array) -> int:
     """Move muscles and object by the velocities; return OK or what went wrong."""
     shape, v = state.shape, state.velocity
@@ -335,7 +335,7 @@ def _move(state: State, start: Array, h: float, theta: Array, turn: Array) -> in
     return OK
 
 
-@njit
+@kernel
 def _sum_forces(contacts: Contacts, forces: Forces) -> None:
     forces.finger[:] = 0.0
     forces.support[:] = 0.0
@@ -354,13 +354,13 @@ def _sum_forces(contacts: Contacts, forces: Forces) -> None:
                 forces.between[contacts.other[c], i] += contacts.force[c, i]
 
 
-@njit
+@kernel
 def _may_touch(around: Surroundings) -> bool:
     """Whether there is anything but muscles that a muscle may reach, or an object that may touch something else."""
     return around.shape >= 0 or around.table_in_reach
 
 
-@njit(inline="always")
+@kernel(inline="always")
 def _touch(state: State, system: System, lift: float, hand_velocity: float, work: Work, contacts: Contacts) -> bool:
     """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
     muscles, coordinates, theta, first = state.shape.shape[0], contacts.coordinates, work.theta, work.equations.first
@@ -384,7 +384,7 @@ def _touch(state: State, system: System, lift: float, hand_velocity: float, work
     return touching
 
 
-@njit
+@kernel
 def _solve_in_the_air(a: Array, b: Array, first: NDArray[np.int64], velocity: Array) -> tuple[bool, float]:
     """Solve a v = b; return whether it could be, and by how much a velocity differs from the last sweep's."""
     if not solve_in_place(a, b, first):
@@ -396,7 +396,7 @@ def _solve_in_the_air(a: Array, b: Array, first: NDArray[np.int64], velocity: Ar
     return True, changed
 
 
-@njit
+@kernel
 def _look_ahead(velocity: Array, start: Array, extrapolate: bool, gain: Array, ahead: Array) -> None:
     """Write how the velocities have changed, and will if they go on as in the last two sub-steps, or in this one."""
     for i in range(velocity.shape[0]):
@@ -405,7 +405,7 @@ def _look_ahead(velocity: Array, start: Array, extrapolate: bool, gain: Array, a
         gain[i] = change
 
 
-@njit(inline="always")
+@kernel(inline="always")
 def _find_velocities(
     parts: Parts, heights: Array, rates: Array, step: int, midpoint: bool, ahead: bool
 ) -> tuple[int, int, bool]:
@@ -449,7 +449,7 @@ def _find_velocities(
     return OK, 0, False
 
 
-@njit(inline="always")
+@kernel(inline="always")
 def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     """Do the work of ``advance``.
 
@@ -508,12 +508,12 @@ def _cached(
     the closure, is part of the cache's key: no stale machine code after an edit of another file.
     """
 
-    @njit(cache=True)
+    @kernel(cache=True)
     def _bind(bound: Block, parts: Parts) -> None:
         if source_digest >= 0:
             _write(bound, parts)
 
-    @njit(cache=True)
+    @kernel(cache=True)
     def advance(bound: Block, heights: Array, rates: Array) -> tuple[int, int]:
         """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps.
 
