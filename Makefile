@@ -26,12 +26,13 @@ test: $(VENV)/test.stamp
 	@$(MAKE) --no-print-directory --jobs 2 lint compiled
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadgroup test
 
-# All day: studies, properties, running nodes and what is marked slow take nine tenths of the time and wait for `test`.
+# All day: studies, properties, running nodes and what is marked slow take five sixths of the time and wait for `test`.
 check: lint
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadgroup -m "not slow" test/unit --ignore test/unit/study
 
 # The node tests on ROS 2 Jazzy, whose wheels must not share an environment with those of Kilted.
 test-jazzy: $(JAZZY)/test.stamp
+	@$(JAZZY)/bin/mbpam compile
 	$(JAZZY)/bin/python -m pytest --numprocesses 2 --dist loadgroup test/integration
 
 compiled: $(VENV)/run.stamp

@@ -19,13 +19,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mbpam_ros.commands.system import NodeProcesses, NodeSystemError, Operator, exit_on_stop_signals  # isort: skip
 import numpy as np
 import psutil
 from domain_coordinator import domain_id
 from rclpy.client import Client
-from rclpy.type_support import Msg
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
@@ -39,6 +39,9 @@ from mbpam_ros.plant.scene import load_scene
 from mbpam_ros.study.provenance import processor
 from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import Progress, table
+
+if TYPE_CHECKING:
+    from rclpy.type_support import Msg  # Jazzy has none
 
 START_S = 180.0
 """A first start compiles the contact model for about half a minute."""

@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
 import rclpy
@@ -18,12 +18,14 @@ from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.type_support import Msg
 from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.nodes.interface import NODES, SERVICES, SET_BOOL, TRIGGER
 from mbpam_ros.nodes.runtime import LATCHED
+
+if TYPE_CHECKING:
+    from rclpy.type_support import Msg  # Jazzy has none
 
 STOP_TIMEOUT_S = 30.0
 """Ending takes 1 s, several on a busy machine or when the middleware hangs (``TEAR_DOWN_TIMEOUT_S``)."""
