@@ -23,6 +23,9 @@ highlight_language = "text"  # of the docstrings' formulas; fences name theirs
 python_maximum_signature_line_length = 100
 
 html_theme = "furo"
+html_theme_options = {"light_css_variables": {"code-font-size": "0.75rem"}}
+html_static_path = ["static"]
+html_css_files = ["wide.css"]
 html_title = "mbpam_ros"
 html_show_sphinx = False
 html_copy_source = False

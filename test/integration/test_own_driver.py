@@ -1,4 +1,4 @@
-"""The example of a driver, in the place of the simulated plant."""
+"""The examples of a driver, in the place of the simulated plant, and of a client that operates the gripper."""
 
 import importlib.util
 import math
@@ -13,14 +13,23 @@ import pytest
 from mbpam_ros.commands.system import NodeProcesses, Operator  # isort: skip
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.nodes.messages import joint_state, time_stamp
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST
 
-DRIVER = Path(__file__).parents[2] / "examples" / "own_driver.py"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+DRIVER = EXAMPLES / "own_driver.py"
 OTHERS = ("pressure_sensor", "valve_controller", "grasp_arbiter")
+
+
+def operate(service: str, domain: int) -> str:
+    command = [sys.executable, EXAMPLES / "operate.py", service]
+    environment = os.environ | {"ROS_DOMAIN_ID": str(domain)}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60.0, check=False)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout
 
 
 @pytest.fixture
@@ -35,18 +44,18 @@ def operator(domain, log_directory):
         assert driver.wait(timeout=30.0) == 0
 
 
-def test_with_the_example_driver_a_grasp_closes_and_opens(operator):
+def test_with_the_example_driver_a_grasp_closes_and_opens(operator, domain):
     phases, pressures_pa = [], []
     told = lambda state: phases.extend(item.value for item in state.values if item.key == "phase")  # noqa: E731
     operator.node.create_subscription(DiagnosticStatus, "grasp_state", told, LATCHED)
     heard = lambda message: pressures_pa.append(max(message.effort))  # noqa: E731
     operator.node.create_subscription(JointState, "chamber_states", heard, NEWEST)
     operator.wait_for_nodes((*OTHERS, "driver"))
-    assert operator.call(SetBool, "valve_controller/enable", SetBool.Request(data=True)).success
+    assert operate("valve_controller/enable", domain) == "valve_controller/enable: air on\n"
     operator.wait_for(lambda: operator.call(Trigger, "grasp/mid_rod").success, 15.0, "a grasp accepted")
     operator.wait_for(lambda: phases[-1:] == ["holding"], 15.0, "phase holding")
     assert 95e3 < pressures_pa[-1] < 105e3
-    assert operator.call(Trigger, "grasp/release").success
+    assert operate("grasp/release", domain) == "grasp/release: releasing\n"
     operator.wait_for(lambda: phases[-1:] == ["idle"], 15.0, "phase idle")
     assert pressures_pa[-1] < 5e3
 

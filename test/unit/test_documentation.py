@@ -101,6 +101,7 @@ def test_the_readme_can_be_read_in_ten_minutes():
 @pytest.mark.parametrize("page", PAGES, ids=identity)
 def test_what_a_page_links_to_or_names_is_there(page):
     text = CODE.sub("", page.read_text(encoding="utf-8"))
+    assert "\n<<<<<<< " not in text, "a merge left both sides"
     linked = [target for target in LINK.findall(text) if "://" not in target]
     assert not [target for target in linked if not (page.parent / target).exists()]
     named = [code for code in inline_code(page) if code.startswith(OWN_FOLDERS) and " " not in code]
@@ -122,6 +123,7 @@ def test_what_a_page_tells_to_run_is_there(page):
             assert (ROOT / words[0]).is_file(), words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if "```python" in page.read_text("utf-8")], ids=identity)
 def test_the_python_of_a_page_runs_and_prints_what_is_shown_after_it(page, capsys):
     names, python_before = {"__name__": "page"}, False

@@ -21,10 +21,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mbpam_ros.plant.mechanics.contact_config import ContactLaw
+from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.vectors import Array, dot, vector
 
 
@@ -81,7 +81,7 @@ def contact_table(size: int, coordinates: int) -> Contacts:
     )
 
 
-@njit
+@kernel
 def law_of(laws: Array, kind: int) -> ContactLaw:
     """Return a row of the table of laws (kinds, 7)."""
     return ContactLaw(
@@ -89,7 +89,7 @@ def law_of(laws: Array, kind: int) -> ContactLaw:
     )
 
 
-@njit
+@kernel
 def contact_force(
     law: ContactLaw, h: float, depth: float, share: float, normal: Array, v: Array, force: Array
 ) -> float:
@@ -110,7 +110,7 @@ def contact_force(
     return f
 
 
-@njit
+@kernel
 def contact_slope(
     law: ContactLaw, h: float, depth: float, share: float, normal: Array, v: Array, f: float, slope: Array
 ) -> None:

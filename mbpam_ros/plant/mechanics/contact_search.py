@@ -13,12 +13,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mbpam_ros.geometry.surfaces import PLANE, REST_POINTS, rest_points, signed_distance
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
 from mbpam_ros.plant.mechanics.contact_law import Contacts
 from mbpam_ros.plant.mechanics.finger_contact import Lines, append_finger_contacts
+from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, minus, plus, times, to_body, to_world, vector
 
@@ -70,7 +70,7 @@ def contact_limit(fingers: int, planes: int, fingers_touch: bool = False) -> int
     return 2 * BALLS * fingers + between + REST_POINTS * (planes + 1)
 
 
-@njit
+@kernel
 def _object_columns(place: Vector, d: int, jacobian: Array) -> None:
     """Write the velocity at a place from a body's centre into columns D to D + 5 of ``jacobian``."""
     x, y, z = place
@@ -82,7 +82,7 @@ def _object_columns(place: Vector, d: int, jacobian: Array) -> None:
     jacobian[2, d + 3], jacobian[2, d + 4] = y, -x
 
 
-@njit(forceinline=True)
+@kernel(forceinline=True)
 def _muscle_contacts(
     rod: Rod, motion: Motion, finger: int, base: Array, shape: int, half: Array, centre: Array, rotation: Array,
     contacts: Contacts,
@@ -119,7 +119,7 @@ def _muscle_contacts(
             _object_columns(plus(place, arm), contacts.coordinates, jacobian)
 
 
-@njit
+@kernel
 def _rest_contacts(
     around: Surroundings, centre: Array, rotation: Array, lift: float, hand_velocity: float, points: Array,
     contacts: Contacts,
@@ -148,7 +148,7 @@ def _rest_contacts(
             _object_columns(place, contacts.coordinates, contacts.jacobian[n].T)
 
 
-@njit(forceinline=True)
+@kernel(inline="always")
 def find_contacts(
     bases: Array, rod: Rod, motion: Motion, around: Surroundings, centre: Array, rotation: Array,
     lift: float, hand_velocity: float, room: Places, room_of_lines: Lines, contacts: Contacts,

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
 from mbpam_ros.plant.mechanics.contact_law import Contacts, contact_force, contact_slope, law_of
+from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross
 
 NEWTON_LIMIT = 60
@@ -21,7 +21,7 @@ VELOCITY_TOLERANCE = 1e-8
 """Largest residual over diagonal [m/s or rad/s] at which the velocities are found."""
 
 
-@njit
+@kernel
 def solve_in_place(a: Array, b: Array, first: NDArray[np.int64]) -> bool:
     """Solve a x = b for a symmetric positive definite matrix; x ends in b. Returns False if it is none.
 
@@ -89,7 +89,7 @@ def scratch(size: int, coordinates: int, fingers: int) -> Scratch:
     )
 
 
-@njit
+@kernel
 def _columns(contacts: Contacts, c: int, size: int) -> tuple[int, int, int, int]:
     """Return the columns of the Jacobian from and to which a contact acts, and where its two parts go in the system."""
     coordinates = contacts.coordinates
@@ -101,7 +101,7 @@ def _columns(contacts: Contacts, c: int, size: int) -> tuple[int, int, int, int]
     return start, stop, finger, size - 6 - coordinates
 
 
-@njit
+@kernel
 def _product(a: Array, v: Array, first: NDArray[np.int64], product: Array) -> None:
     """Write a v, of the lower half of a inside the envelope."""
     for i in range(v.shape[0]):
@@ -112,7 +112,7 @@ def _product(a: Array, v: Array, first: NDArray[np.int64], product: Array) -> No
         product[i] = total
 
 
-@njit
+@kernel
 def _relative(contacts: Contacts, v: Array, relative: Array) -> None:
     """Write J v of all contacts, shape (n, 6)."""
     size, coordinates, jacobian = v.shape[0], contacts.coordinates, contacts.jacobian
@@ -131,7 +131,7 @@ def _relative(contacts: Contacts, v: Array, relative: Array) -> None:
         relative[c, 3], relative[c, 4], relative[c, 5] = turn_x, turn_y, turn_z
 
 
-@njit(forceinline=True)
+@kernel(forceinline=True)
 def _push(h: float, laws: Array, contacts: Contacts, fraction: float, trial: Array) -> float:
     """Write the forces at the velocities less ``fraction`` of their change; return their power in the change."""
     velocity, change, force, power = contacts.velocity, contacts.change, contacts.force, 0.0
@@ -146,7 +146,7 @@ def _push(h: float, laws: Array, contacts: Contacts, fraction: float, trial: Arr
     return power
 
 
-@njit
+@kernel
 def _residual(smooth: Array, h: float, contacts: Contacts, residual: Array) -> None:
     """Write a v - b - h sum J^T F of the smooth part a v - b and the forces in the table."""
     size, coordinates, jacobian, force = smooth.shape[0], contacts.coordinates, contacts.jacobian, contacts.force
@@ -163,7 +163,7 @@ def _residual(smooth: Array, h: float, contacts: Contacts, residual: Array) -> N
             )  # fmt: skip
 
 
-@njit
+@kernel
 def _add_object(
     stiff: tuple[Vector, Vector, Vector], turning: tuple[Vector, Vector, Vector], arm: Vector, o: int, hessian: Array
 ) -> None:
@@ -183,7 +183,7 @@ def _add_object(
             hessian[o + 3 + i, o + 3 + j] += around[j] + turning[i][j]
 
 
-@njit
+@kernel
 def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch) -> None:
     """Write the derivative of the residual; only its lower half.
 
@@ -241,7 +241,7 @@ def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch)
                 )  # fmt: skip
 
 
-@njit
+@kernel
 def solve_contacts(
     a: Array, b: Array, v: Array, h: float, laws: Array, contacts: Contacts, room: Scratch
 ) -> tuple[float, int]:

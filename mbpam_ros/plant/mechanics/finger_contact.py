@@ -16,10 +16,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
 from mbpam_ros.plant.mechanics.contact_law import Contacts
+from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, combined, dot, minus, norm, plus, times, vector
 
@@ -43,7 +43,7 @@ def lines(rod: Rod, fingers: int) -> Lines:
     return Lines(np.empty((fingers, balls, 3)), np.empty((fingers, 2, 3)), np.empty((2, 6, coordinates)))
 
 
-@njit
+@kernel
 def fingers_near(bases: Array, rod: Rod, motion: Motion, room: Lines) -> bool:
     """Write the boxes of all fingers; return whether any two overlap."""
     slack = rod.radius + 0.5 * _STRIDE * rod.spacing
@@ -61,7 +61,7 @@ def fingers_near(bases: Array, rod: Rod, motion: Motion, room: Lines) -> bool:
     return near
 
 
-@njit
+@kernel
 def _overlap(one: Array, other: Array) -> bool:
     for i in range(3):
         if one[0, i] > other[1, i] or other[0, i] > one[1, i]:
@@ -69,7 +69,7 @@ def _overlap(one: Array, other: Array) -> bool:
     return True
 
 
-@njit
+@kernel
 def append_finger_contacts(bases: Array, rod: Rod, motion: Motion, room: Lines, contacts: Contacts) -> None:
     """Append the contacts of all fingers with each other."""
     if not fingers_near(bases, rod, motion, room):
@@ -86,7 +86,7 @@ def append_finger_contacts(bases: Array, rod: Rod, motion: Motion, room: Lines, 
                 _ball_contacts(bases, rod, motion, g, f, room, contacts)
 
 
-@njit
+@kernel
 def _write_points(bases: Array, rod: Rod, motion: Motion, stride: int, points: Array) -> None:
     """Write the places of every ``stride``-th ball of all fingers."""
     for f in range(bases.shape[0]):
@@ -95,7 +95,7 @@ def _write_points(bases: Array, rod: Rod, motion: Motion, stride: int, points: A
             points[f, ball, 0], points[f, ball, 1], points[f, ball, 2] = place
 
 
-@njit
+@kernel
 def _may_touch(rod: Rod, one: Array, other: Array) -> bool:
     """Whether two muscles may touch, by their compared balls: what is between is within half a stride of one."""
     reach = 2.0 * rod.radius + _FINE_STRIDE * rod.spacing
@@ -107,7 +107,7 @@ def _may_touch(rod: Rod, one: Array, other: Array) -> bool:
     return False
 
 
-@njit
+@kernel
 def _nearest_point(points: Array, spacing: float, place: Vector) -> tuple[float, float]:
     """Return the ball and fraction along a centreline that is nearest to a place, and its distance.
 
@@ -130,7 +130,7 @@ def _nearest_point(points: Array, spacing: float, place: Vector) -> tuple[float,
     return along, best
 
 
-@njit
+@kernel
 def _ball_contacts(
     bases: Array, rod: Rod, motion: Motion, one: int, other: int, room: Lines, contacts: Contacts
 ) -> None:

@@ -35,11 +35,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 
 from mbpam_ros.actuator.design import MuscleGeometry
+from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, combined, cross, dot, plus
 
 _MAGNUS = math.sqrt(3.0) / 12.0
@@ -162,7 +162,7 @@ def _lagrange_coefficients(segments: int) -> Array:
     return inverse.astype(np.float64, copy=False)
 
 
-@njit
+@kernel
 def stumpff(u: float) -> tuple[float, float, float, float, float]:
     """Return c_1 .. c_5 at u = x^2 >= 0: c_1 = sin x / x, c_2 = (1 - cos x) / u, c_{k+2} = (1 / k! - c_k) / u."""
     if u > 1.0:
@@ -180,7 +180,7 @@ def stumpff(u: float) -> tuple[float, float, float, float, float]:
     return 1.0 - u * c3, 0.5 - u * c4, c3, c4, c5
 
 
-@njit
+@kernel
 def move_rods(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
     """Write the motion of all muscles with coordinates q and their rates, shapes (4, 2 m).
 
@@ -243,7 +243,7 @@ def move_rods(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
                     slope[f, k + 1, 2, n] = wx * t[1] - wy * t[0]
 
 
-@njit
+@kernel
 def masses_and_loads(rod: Rod, motion: Motion, gravity: float, work: Array, mass: Array, load: Array) -> None:
     """Write mass matrices (4, 2 m, 2 m) [kg m2] and loads (4, 2 m) [N m] of gravity less velocity terms of all muscles.
 
@@ -290,7 +290,7 @@ def masses_and_loads(rod: Rod, motion: Motion, gravity: float, work: Array, mass
                 mass[finger, v, x], mass[finger, w, x], mass[finger, v, y], mass[finger, w, y] = xx, xy, yx, yy
 
 
-@njit(forceinline=True)
+@kernel(forceinline=True)
 def ball_position(rod: Rod, tangent: Array, ball: int) -> Vector:
     """Return the position of a ball of the muscle with these tangents, shape (S + 1, 3), from its clamp."""
     x, y, z = 0.0, 0.0, 0.0
@@ -300,7 +300,7 @@ def ball_position(rod: Rod, tangent: Array, ball: int) -> Vector:
     return x, y, z
 
 
-@njit(forceinline=True)
+@kernel(forceinline=True)
 def ball_jacobian(rod: Rod, motion: Motion, finger: int, ball: int, sign: float, arm: Vector, jacobian: Array) -> None:
     """Write sign d(position, turning)/dq of the material at ``arm`` from a ball's centre.
 

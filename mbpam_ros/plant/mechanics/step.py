@@ -34,7 +34,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mbpam_ros.geometry import rotations, surfaces
@@ -48,6 +47,7 @@ from mbpam_ros.plant.mechanics.contact_search import (
 )
 from mbpam_ros.plant.mechanics.contact_solver import Scratch, scratch, solve_contacts, solve_in_place
 from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines
+from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.packed_arguments import Block, access, new_block
 from mbpam_ros.plant.mechanics.rod import Motion, Rod, masses_and_loads, motion_at_rest, move_rods
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross, dot, norm, plus, times, vector
@@ -131,10 +131,10 @@ class Forces(NamedTuple):
     between: Array
 
 
-_rotation_rows, _product = njit(rotations.rotation_rows), njit(rotations.product)
+_rotation_rows, _product = kernel(rotations.rotation_rows), kernel(rotations.product)
 
 
-@njit
+@kernel
 def write_rotation(q: Array, r: Array) -> None:
     """Write the rotation of the quaternion (x, y, z, w) into r (3, 3)."""
     rows = _rotation_rows(q[0], q[1], q[2], q[3])
@@ -142,7 +142,7 @@ def write_rotation(q: Array, r: Array) -> None:
         r[i, 0], r[i, 1], r[i, 2] = rows[i]
 
 
-@njit
+@kernel
 def turned(q: Array, turn: Vector, result: Array) -> None:
     """Write exp(turn) q, normalised, into ``result``; the turning vector is in the world frame."""
     angle = norm(turn)
@@ -248,7 +248,7 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
     )
 
 
-@njit
+@kernel
 def _move_muscles(state: State, start: Array, system: System, share: float, motion: Motion, room: Room) -> None:
     """Write the motion of the muscles after ``share`` of the step."""
     fingers, size = room.shape.shape
@@ -260,7 +260,7 @@ def _move_muscles(state: State, start: Array, system: System, share: float, moti
     move_rods(room.shape, room.rate, system.rod, motion)
 
 
-@njit
+@kernel
 def _muscle_equations(
     state: State, start: Array, system: System, drive: Drive, blend: float, theta: Array, room: Room,
     a: Array, b: Array,
@@ -284,7 +284,7 @@ def _muscle_equations(
             b[n] = total
 
 
-@njit
+@kernel
 def _object_equations(
     state: State, start: Array, system: System, share: float, rotation: Array, middle: Array, a: Array, b: Array
 ) -> None:
@@ -308,7 +308,7 @@ def _object_equations(
             b[i] += a[i, j] * start[j]
 
 
-@njit
+@kernel
 def _move(state: State, start: Array, h: float, theta: Array, turn: Array) -> int:
     """Move muscles and object by the velocities; return OK or what went wrong."""
     shape, v = state.shape, state.velocity
@@ -335,7 +335,7 @@ def _move(state: State, start: Array, h: float, theta: Array, turn: Array) -> in
     return OK
 
 
-@njit
+@kernel
 def _sum_forces(contacts: Contacts, forces: Forces) -> None:
     forces.finger[:] = 0.0
     forces.support[:] = 0.0
@@ -354,13 +354,13 @@ def _sum_forces(contacts: Contacts, forces: Forces) -> None:
                 forces.between[contacts.other[c], i] += contacts.force[c, i]
 
 
-@njit
+@kernel
 def _may_touch(around: Surroundings) -> bool:
     """Whether there is anything but muscles that a muscle may reach, or an object that may touch something else."""
     return around.shape >= 0 or around.table_in_reach
 
 
-@njit(forceinline=True)
+@kernel(inline="always")
 def _touch(state: State, system: System, lift: float, hand_velocity: float, work: Work, contacts: Contacts) -> bool:
     """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
     muscles, coordinates, theta, first = state.shape.shape[0], contacts.coordinates, work.theta, work.equations.first
@@ -384,38 +384,28 @@ def _touch(state: State, system: System, lift: float, hand_velocity: float, work
     return touching
 
 
-@njit(inline="always")
-def _begin(state: State, work: Work, contacts: Contacts) -> None:
-    """Begin a sub-step: nothing touches yet."""
-    contacts.count[0] = 0
-    work.theta[:] = 0.5
-    for i in range(state.velocity.shape[0]):
-        work.start[i] = state.velocity[i]
-
-
-@njit(inline="always")
-def _solve_in_the_air(velocity: Array, work: Work) -> tuple[bool, float]:
+@kernel
+def _solve_in_the_air(a: Array, b: Array, first: NDArray[np.int64], velocity: Array) -> tuple[bool, float]:
     """Solve a v = b; return whether it could be, and by how much a velocity differs from the last sweep's."""
-    if not solve_in_place(work.a, work.b, work.equations.first):
+    if not solve_in_place(a, b, first):
         return False, 0.0
     changed = 0.0
     for i in range(velocity.shape[0]):
-        changed = max(changed, abs(work.b[i] - velocity[i]))
-        velocity[i] = work.b[i]
+        changed = max(changed, abs(b[i] - velocity[i]))
+        velocity[i] = b[i]
     return True, changed
 
 
-@njit(inline="always")
-def _solve_in_contact(velocity: Array, system: System, ahead: bool, contacts: Contacts, work: Work) -> tuple[int, int]:
-    """Solve a v = b + h J^T F; return OK or what went wrong, and the number of Newton steps."""
-    if ahead:
-        for i in range(velocity.shape[0]):
-            velocity[i] += work.ahead[i]
-    left, count = solve_contacts(work.a, work.b, velocity, system.step_s, system.laws, contacts, work.equations)
-    return OK if left < SOLVED_M_S else NOT_SOLVED, count
+@kernel
+def _look_ahead(velocity: Array, start: Array, extrapolate: bool, gain: Array, ahead: Array) -> None:
+    """Write how the velocities have changed, and will if they go on as in the last two sub-steps, or in this one."""
+    for i in range(velocity.shape[0]):
+        change = velocity[i] - start[i]
+        ahead[i] = 2.0 * change - gain[i] if extrapolate else change
+        gain[i] = change
 
 
-@njit(inline="always")
+@kernel(inline="always")
 def _find_velocities(
     parts: Parts, heights: Array, rates: Array, step: int, midpoint: bool, ahead: bool
 ) -> tuple[int, int, bool]:
@@ -444,9 +434,14 @@ def _find_velocities(
         if state.velocity.shape[0] > state.shape.shape[0]:
             _object_equations(state, work.start, system, share, work.rotation, work.middle, work.a, work.b)
         if touching:  # contact is of first order: the midpoint would not help
-            answer, count = _solve_in_contact(state.velocity, system, ahead, contacts, work)
-            return answer, count, True
-        solved, changed = _solve_in_the_air(state.velocity, work)
+            if ahead:
+                for i in range(state.velocity.shape[0]):
+                    state.velocity[i] += work.ahead[i]
+            left, count = solve_contacts(
+                work.a, work.b, state.velocity, system.step_s, system.laws, contacts, work.equations
+            )
+            return OK if left < SOLVED_M_S else NOT_SOLVED, count, True
+        solved, changed = _solve_in_the_air(work.a, work.b, work.equations.first, state.velocity)
         if not solved:
             return NOT_FINITE, 0, False
         if changed < FOUND_RAD_S:
@@ -454,20 +449,12 @@ def _find_velocities(
     return OK, 0, False
 
 
-@njit(inline="always")
-def _look_ahead(velocity: Array, ahead: bool, work: Work) -> None:
-    """Write how the velocities have changed, and will if they go on as in the last two sub-steps, or in this one."""
-    for i in range(velocity.shape[0]):
-        gain = velocity[i] - work.start[i]
-        work.ahead[i] = 2.0 * gain - work.gain[i] if ahead else gain
-        work.gain[i] = gain
-
-
-@njit(inline="always")
+@kernel(inline="always")
 def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     """Do the work of ``advance``.
 
-    This and its phases are compiled as parts of their one caller: to hand sixty arrays on costs more than they do.
+    ``inline``: to hand sixty arrays on takes longer than what is done with them, in the compiler too. Where an array or
+    two are handed on, or there is more than one caller, a function of its own is compiled faster.
     """
     state, system, contacts, work = parts.state, parts.system, parts.contacts, parts.work
     steps = heights.shape[0] - 1
@@ -479,14 +466,17 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     if system.surroundings.fingers_touch and not midpoint:
         _move_muscles(state, state.velocity, system, 0.0, work.motion, work.room)
     for step in range(steps):
-        _begin(state, work, contacts)
+        contacts.count[0] = 0
+        work.theta[:] = 0.5
+        for i in range(state.velocity.shape[0]):
+            work.start[i] = state.velocity[i]
         answer, count, touching = _find_velocities(parts, heights, rates, step, midpoint, ahead)
         iterations = max(iterations, count)
         if answer == OK:
             answer = _move(state, work.start, system.step_s, work.theta, work.turn)
         if answer != OK:
             return answer, iterations
-        _look_ahead(state.velocity, ahead, work)
+        _look_ahead(state.velocity, work.start, ahead, work.gain, work.ahead)
         midpoint, ahead = not touching, True
     work.midpoint_known[0], work.ahead_known[0] = midpoint, ahead
     _sum_forces(contacts, parts.forces)
@@ -518,12 +508,12 @@ def _cached(
     the closure, is part of the cache's key: no stale machine code after an edit of another file.
     """
 
-    @njit(cache=True)
+    @kernel(cache=True)
     def _bind(bound: Block, parts: Parts) -> None:
         if source_digest >= 0:
             _write(bound, parts)
 
-    @njit(cache=True)
+    @kernel(cache=True)
     def advance(bound: Block, heights: Array, rates: Array) -> tuple[int, int]:
         """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps.
 

@@ -5,62 +5,63 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mbpam_ros.plant.mechanics.kernel import kernel
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 
-@njit
+@kernel
 def vector(values: Array, first: int) -> Vector:
     """Return three successive numbers of an array (n,)."""
     return values[first], values[first + 1], values[first + 2]
 
 
-@njit
+@kernel
 def dot(a: Vector, b: Vector) -> float:
     """Return a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit
+@kernel
 def norm(a: Vector) -> float:
     """Return |a|."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
-@njit
+@kernel
 def cross(a: Vector, b: Vector) -> Vector:
     """Return a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit
+@kernel
 def plus(a: Vector, b: Vector) -> Vector:
     """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@njit
+@kernel
 def minus(a: Vector, b: Vector) -> Vector:
     """Return a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit
+@kernel
 def times(s: float, a: Vector) -> Vector:
     """Return s a."""
     return s * a[0], s * a[1], s * a[2]
 
 
-@njit
+@kernel
 def combined(r: float, a: Vector, s: float, b: Vector, t: float, c: Vector) -> Vector:
     """Return r a + s b + t c."""
     return r * a[0] + s * b[0] + t * c[0], r * a[1] + s * b[1] + t * c[1], r * a[2] + s * b[2] + t * c[2]
 
 
-@njit
+@kernel
 def to_body(rotation: Array, a: Vector) -> Vector:
     """Return R^T a for the rotation R (3, 3) from the body: components along its axes."""
     x, y, z = a
@@ -71,7 +72,7 @@ def to_body(rotation: Array, a: Vector) -> Vector:
     )
 
 
-@njit
+@kernel
 def to_world(rotation: Array, a: Vector) -> Vector:
     """Return R a for the rotation R (3, 3) from the body."""
     x, y, z = a
