@@ -140,7 +140,7 @@ def test_an_executable_of_the_colcon_workspace_runs_with_the_configuration_insta
 
 
 def test_colcon_test_runs_the_tests(workspace):
-    colcon(workspace, "test", "--pytest-args", "test/unit/actuator/test_calibration.py")
+    colcon(workspace, "test", "--pytest-args", "test/unit/actuator/test_kinematics.py")
     results = ElementTree.parse(workspace / "build" / "mbpam_ros" / "pytest.xml").getroot()
     suite = results if results.tag == "testsuite" else results.find("testsuite")
     assert int(suite.get("tests")) > 0
