@@ -48,7 +48,12 @@ def shared_files() -> list[tuple[str, list[str]]]:
 
 
 def compile_kernels(library: str | None) -> None:
-    """Fill the cache of compiled kernels beside what was installed; where that fails, the first node to start does."""
+    """Fill the cache of compiled kernels beside what was installed; where that fails, the first node to start does.
+
+    ``MBPAM_COMPILE=0`` leaves it out, for builds that nobody runs.
+    """
+    if os.environ.get("MBPAM_COMPILE") == "0":
+        return
     path = os.pathsep.join(filter(None, [library, os.environ.get("PYTHONPATH")]))
     command = [sys.executable, "-m", f"{PACKAGE}.commands", "compile"]
     if subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, cwd=os.sep, check=False).returncode:

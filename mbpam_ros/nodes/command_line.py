@@ -11,6 +11,7 @@ from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.terminal import table
 
 _HELP = ("-h", "--help")
+_PARAMETER = ("-p", "--param")
 
 
 def answer(arguments: Sequence[str], factories: Sequence[Callable]) -> int | None:
@@ -22,6 +23,13 @@ def answer(arguments: Sequence[str], factories: Sequence[Callable]) -> int | Non
     """
     name, left = Path(arguments[0]).stem, besides_ros(arguments[1:])
     if not left:
+        nodes = [node_name(factory) for factory in factories]
+        nodes += [argument.partition("__node:=")[2] for argument in arguments if "__node:=" in argument]
+        for prefix, rule in _prefixed_rules(arguments):
+            if prefix not in nodes:
+                known = ", ".join(nodes)
+                print(f"error: {name}: -p {prefix}:{rule}: no node {prefix} in {name}, only {known}", file=sys.stderr)
+                return 2
         return None
     if any(argument in _HELP for argument in left):
         print(help_text(name, factories))
@@ -49,11 +57,33 @@ def besides_ros(arguments: Sequence[str]) -> list[str]:
     return left
 
 
+def rules_of_node(arguments: Sequence[str], node: str) -> list[str]:
+    """Return the parameter rules with the prefix of this node as ROS arguments of its own; empty without any.
+
+    ROS applies ``-p plant:scene:=tomato`` to nodes that are called ``/plant``, and leaves out ``/right/plant`` without
+    a word (rcl issue 1306); given to the node itself, without the prefix, it holds in any namespace.
+    """
+    rules = [part for prefix, rule in _prefixed_rules(arguments) if prefix == node for part in ("-p", rule)]
+    return ["--ros-args", *rules] if rules else []
+
+
+def node_name(factory: Callable) -> str:
+    """Return the name of the node that a node class of this package builds, unless it is remapped."""
+    module = sys.modules[factory.__module__]
+    return Path(module.__file__ or module.__name__).stem  # by its file: that of a module run itself is __main__
+
+
+def _prefixed_rules(arguments: Sequence[str]) -> list[tuple[str, str]]:
+    """Return (node, name:=value) of all parameter rules that name a node."""
+    rules = (rule for option, rule in zip(arguments, arguments[1:], strict=False) if option in _PARAMETER)
+    split = ((rule.partition(":=")[0].rpartition(":")[0], rule) for rule in rules)
+    return [(node, rule[len(node) + 1 :]) for node, rule in split if node]
+
+
 def help_text(program: str, factories: Sequence[Callable]) -> str:
     """Return what the executable's nodes do, and their parameters, topics and services."""
     modules = [sys.modules[factory.__module__] for factory in factories]
-    # By its file: the name of a module that is run itself is __main__.
-    nodes = [Path(module.__file__ or module.__name__).stem for module in modules]
+    nodes = [node_name(factory) for factory in factories]
     prefixes = [f"{node}:" if len(nodes) > 1 else "" for node in nodes]
     lines = [
         f"usage: {program} [-h] [--ros-args [-p NAME:=VALUE] [-r OLD:=NEW] [--params-file FILE] [-r __ns:=/NAME] ...]",

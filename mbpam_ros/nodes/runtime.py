@@ -30,7 +30,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 
 from mbpam_ros.configuration import ConfigError
-from mbpam_ros.nodes.command_line import answer
+from mbpam_ros.nodes.command_line import answer, node_name, rules_of_node
 from mbpam_ros.nodes.compiling import STOP_SIGNALS, compilation_announced, stop_signals_end_the_process
 from mbpam_ros.nodes.exit_timer import exits_after
 from mbpam_ros.nodes.lateness import Lateness
@@ -239,18 +239,19 @@ class GripperNode(Node):
             self.publish_health()
 
 
-def run(*factories: Callable[[], GripperNode], arguments: Sequence[str] | None = None) -> int:
+def run(*factories: Callable[..., GripperNode], arguments: Sequence[str] | None = None) -> int:
     """Run nodes in this process until SIGINT, SIGTERM or a failure.
 
     Args:
-        factories: callables that build one node each, in the default context.
+        factories: the node classes, or what builds one node each in the default context and takes rclpy's options.
         arguments: command line with its ROS arguments; ``sys.argv`` by default.
 
     Returns:
         Exit code: 0 after a signal or ``--help``, 1 after a node failed (``GripperNode.fail``), 2 for arguments or a
         configuration that cannot be used. What went wrong goes to standard error as one line.
     """
-    code = answer(sys.argv if arguments is None else arguments, factories)
+    given = sys.argv if arguments is None else arguments
+    code = answer(given, factories)
     if code is not None:
         return code
     stop_requested = _catch_stop_signals()
@@ -263,7 +264,7 @@ def run(*factories: Callable[[], GripperNode], arguments: Sequence[str] | None =
     nodes: list[GripperNode] = []
     code = 1
     try:
-        code = _live(executor, nodes, factories, stop_requested)
+        code = _live(executor, nodes, factories, given, stop_requested)
     finally:
         with exits_after(TEAR_DOWN_TIMEOUT_S, code):
             for node in nodes:
@@ -278,14 +279,16 @@ def run(*factories: Callable[[], GripperNode], arguments: Sequence[str] | None =
 def _live(
     executor: Executor,
     nodes: list[GripperNode],
-    factories: Sequence[Callable[[], GripperNode]],
+    factories: Sequence[Callable[..., GripperNode]],
+    arguments: Sequence[str],
     stop_requested: Callable[[], bool],
 ) -> int:
     """Build the nodes into ``nodes``, spin them until they have to end, and return the exit code."""
     try:
         with stop_signals_end_the_process(BUILDING_STOPS_WITHIN_S, 0), compilation_announced(_say):
             for factory in factories:
-                nodes.append(factory())
+                own = rules_of_node(arguments, node_name(factory))
+                nodes.append(factory(cli_args=own) if own else factory())
                 executor.add_node(nodes[-1])
         _do_now_what_would_hold_up_the_valves()
         ended: Future[None] = Future()

@@ -67,7 +67,8 @@ def environment() -> dict[str, str]:
     paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     kept = os.pathsep.join(path for path in paths if path and Path(path).resolve() != SOURCE)
     variables = {name: value for name, value in os.environ.items() if not name.startswith(("FASTDDS_", "FASTRTPS_"))}
-    return {**variables, "PYTHONPATH": kept, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    # No kernel is run here, and to compile them takes longer than all else.
+    return {**variables, "PYTHONPATH": kept, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "MBPAM_COMPILE": "0"}
 
 
 def run(*command: str, directory: Path | None = None) -> str:

@@ -246,14 +246,22 @@ def test_help_says_what_a_node_does_and_takes_and_starts_none(executable):
         (["-p", "plant:scene:=tomato"], "bringup --ros-args -p plant:scene:=tomato"),
         (["tomato"], "see bringup -h"),
         (["--ros-args", "-p", "plant:scene:=tomato", "--", "--verbose"], "unknown argument --verbose"),
+        (["--ros-args", "-p", "plan:scene:=tomato"], "no node plan in bringup, only plant, "),
     ],
 )
 def test_arguments_that_nobody_would_read_are_refused_with_the_right_spelling(arguments, cure):
     command = [sys.executable, "-m", "mbpam_ros.nodes.bringup", *arguments]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=START_S)
     assert ended.returncode == 2
-    assert ended.stderr.startswith("error: bringup: unknown argument ") and cure in ended.stderr
+    assert ended.stderr.startswith("error: bringup: ") and cure in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
+
+
+def test_a_parameter_given_to_one_node_by_name_reaches_it_in_a_namespace_too():
+    arguments = ["--ros-args", "-r", "__ns:=/right", "-p", "plant:scene:=nowhere"]
+    command = [sys.executable, "-m", "mbpam_ros.nodes.bringup", *arguments]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=START_S)
+    assert (ended.returncode, ended.stderr[:27]) == (2, "error: no scene 'nowhere'; ")
 
 
 def test_after_kill_of_the_valve_controller_the_object_stays_held_and_a_restart_recovers(start):
