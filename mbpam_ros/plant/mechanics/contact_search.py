@@ -20,7 +20,7 @@ from mbpam_ros.plant.mechanics.contact_law import Contacts
 from mbpam_ros.plant.mechanics.finger_contact import Lines, append_finger_contacts
 from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position
-from mbpam_ros.plant.mechanics.vectors import Array, Vector, minus, plus, times, to_body, to_world, vector
+from mbpam_ros.plant.mechanics.vectors import Array, Vector, minus, plus, row, times, to_body, to_world, vector
 
 BALLS = 49
 """Balls along a muscle: 2.5 mm apart."""
@@ -130,7 +130,7 @@ def _rest_contacts(
         foot_x = np.inf if palm else around.planes[p, 1]
         foot_y = np.inf if palm else around.planes[p, 2]
         for k in range(rest_points(around.shape, around.half, centre, rotation, foot_x, foot_y, points)):
-            place = minus(vector(points[k], 0), vector(centre, 0))
+            place = minus(row(points, k), vector(centre, 0))
             if palm:  # all solids are symmetric about their centres: their highest points mirror the lowest
                 place = times(-1.0, place)
                 depth = -lift - centre[2] - place[2]

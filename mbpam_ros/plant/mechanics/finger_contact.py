@@ -21,7 +21,7 @@ from mbpam_ros.plant.mechanics.contact_config import ContactKind
 from mbpam_ros.plant.mechanics.contact_law import Contacts
 from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position
-from mbpam_ros.plant.mechanics.vectors import Array, Vector, combined, dot, minus, norm, plus, times, vector
+from mbpam_ros.plant.mechanics.vectors import Array, Vector, combined, dot, minus, norm, plus, row, times
 
 _STRIDE, _FINE_STRIDE = 12, 4
 """Balls from one that spans a box to the next, and from one that is compared singly to the next; the last
@@ -91,7 +91,7 @@ def _write_points(bases: Array, rod: Rod, motion: Motion, stride: int, points: A
     """Write the places of every ``stride``-th ball of all fingers."""
     for f in range(bases.shape[0]):
         for ball in range(0, rod.balls.shape[0], stride):
-            place = plus(vector(bases[f], 0), ball_position(rod, motion.tangent[f], ball))
+            place = plus(row(bases, f), ball_position(rod, motion.tangent[f], ball))
             points[f, ball, 0], points[f, ball, 1], points[f, ball, 2] = place
 
 
@@ -101,7 +101,7 @@ def _may_touch(rod: Rod, one: Array, other: Array) -> bool:
     reach = 2.0 * rod.radius + _FINE_STRIDE * rod.spacing
     for k in range(0, one.shape[0], _FINE_STRIDE):
         for m in range(0, other.shape[0], _FINE_STRIDE):
-            between = minus(vector(one[k], 0), vector(other[m], 0))
+            between = minus(row(one, k), row(other, m))
             if dot(between, between) < reach * reach:
                 return True
     return False
@@ -115,14 +115,14 @@ def _nearest_point(points: Array, spacing: float, place: Vector) -> tuple[float,
     """
     balls, best, nearest, k = points.shape[0], np.inf, 0, 0
     while k < balls:
-        distance = norm(minus(place, vector(points[k], 0)))
+        distance = norm(minus(place, row(points, k)))
         if distance < best:
             best, nearest = distance, k
         k += max(1, int((distance - best) / spacing))
     along = float(nearest)
     for k in range(max(nearest - 1, 0), min(nearest + 1, balls - 1)):
-        start = vector(points[k], 0)
-        piece, way = minus(vector(points[k + 1], 0), start), minus(place, start)
+        start = row(points, k)
+        piece, way = minus(row(points, k + 1), start), minus(place, start)
         t = min(max(dot(way, piece) / dot(piece, piece), 0.0), 1.0)
         distance = norm(minus(way, times(t, piece)))
         if distance < best:
@@ -140,7 +140,7 @@ def _ball_contacts(
     for k in range(balls):
         if k < next_ball:
             continue
-        centre = vector(room.points[one, k], 0)
+        centre = row(room.points[one], k)
         along, distance = _nearest_point(line, rod.spacing, centre)
         depth = 2.0 * rod.radius - distance
         if depth <= 0.0:
@@ -156,10 +156,10 @@ def _ball_contacts(
         contacts.share[n] = 0.5 * (length / rod.radius + (1.0 if k == balls - 1 else 0.0))
         contacts.finger[n], contacts.other[n] = min(one, other), max(one, other)
         # From the finger of lower number into the other, which is the one that is pushed.
-        toward, start = 1.0 if one < other else -1.0, vector(line[j], 0)
-        across = combined(1.0, start, t, minus(vector(line[j + 1], 0), start), -1.0, centre)
+        toward, start = 1.0 if one < other else -1.0, row(line, j)
+        across = combined(1.0, start, t, minus(row(line, j + 1), start), -1.0, centre)
         if distance < _SAME_POINT_M:  # centrelines cross: apart as the clamps are
-            across = minus(vector(bases[other], 0), vector(bases[one], 0))
+            across = minus(row(bases, other), row(bases, one))
         apart = norm(across)
         normal = (toward * across[0] / apart, toward * across[1] / apart, toward * across[2] / apart)
         contacts.normal[n, 0], contacts.normal[n, 1], contacts.normal[n, 2] = normal

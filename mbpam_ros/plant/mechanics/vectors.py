@@ -20,6 +20,12 @@ def vector(values: Array, first: int) -> Vector:
 
 
 @kernel
+def row(values: Array, place: int) -> Vector:
+    """Return a row of an array (n, 3)."""
+    return values[place, 0], values[place, 1], values[place, 2]
+
+
+@kernel
 def dot(a: Vector, b: Vector) -> float:
     """Return a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
