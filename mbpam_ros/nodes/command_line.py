@@ -70,7 +70,7 @@ def rules_of_node(arguments: Sequence[str], node: str) -> list[str]:
 def node_name(factory: Callable) -> str:
     """Return the name of the node that a node class of this package builds, unless it is remapped."""
     module = sys.modules[factory.__module__]
-    return Path(module.__file__ or module.__name__).stem  # by its file: that of a module run itself is __main__
+    return Path(getattr(module, "__file__", None) or module.__name__).stem  # a module run itself is called __main__
 
 
 def _prefixed_rules(arguments: Sequence[str]) -> list[tuple[str, str]]:
