@@ -2,6 +2,7 @@
 
 import ast
 import builtins
+import functools
 import inspect
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -38,12 +39,17 @@ ALLOWED = {
 ROS = ("rclpy", "_msgs", "_srvs", "_interfaces")
 
 
+@functools.cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def part_of(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
 def imports_of(path: Path) -> set[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     names = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -61,29 +67,32 @@ def module_name(path: Path) -> str:
 NAMES = {module_name(path) for path in MODULES}
 
 
+def named_by(node: ast.AST) -> set[str]:
+    """What an import may load: modules, and names in them that may be modules."""
+    if isinstance(node, ast.ImportFrom):
+        return {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return {alias.name for alias in node.names} if isinstance(node, ast.Import) else set()
+
+
 def modules_imported_at_once(tree: ast.AST) -> set[str]:
     """Modules of the package that are loaded with one: all its imports but those inside functions."""
     found = set()
     for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.ImportFrom):
-            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-        elif isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
-            found |= modules_imported_at_once(node)
+        if not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
+            found |= named_by(node) | modules_imported_at_once(node)
     return found & NAMES
 
 
 def modules_referred_to(tree: ast.AST) -> set[str]:
     """Modules of the package that are ever imported from one: at once, in a function, or by a name in a table."""
-    inside = [modules_imported_at_once(node) for node in ast.walk(tree)]
-    named = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
-    return set().union(*inside) | named & NAMES
+    nodes = list(ast.walk(tree))
+    named = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    return set().union(named, *map(named_by, nodes)) & NAMES
 
 
 def public_functions(path: Path) -> list[tuple[ast.FunctionDef, bool]]:
     """Public functions and methods, each with whether it may inherit its docstring."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     classes = [node for node in tree.body if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]
     bodies = [(tree.body, False), *((node.body, bool(node.bases)) for node in classes)]
     return [
@@ -111,7 +120,7 @@ def test_ros_stays_in_nodes_and_commands(path):
 
 @pytest.mark.parametrize("path", MODULES, ids=identity)
 def test_what_is_public_is_typed_and_documented(path):
-    assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), "module docstring"
+    assert ast.get_docstring(tree_of(path)), "module docstring"
     for function, may_inherit in public_functions(path):
         where = f"{identity(path)}:{function.lineno} {function.name}"
         assert may_inherit or ast.get_docstring(function), f"{where}: docstring"
@@ -128,7 +137,7 @@ def is_python_s_own_error(base: ast.expr) -> bool:
 
 @pytest.mark.parametrize("path", MODULES, ids=identity)
 def test_every_error_has_the_one_root(path):
-    classes = [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.ClassDef)]
+    classes = [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.ClassDef)]
     rootless = {
         node.name
         for node in classes
@@ -141,7 +150,7 @@ def test_every_error_has_the_one_root(path):
 
 @pytest.mark.parametrize("reach", [modules_imported_at_once, modules_referred_to])
 def test_no_module_leads_back_to_itself(reach):
-    trees = {module_name(path): ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
+    trees = {module_name(path): tree_of(path) for path in MODULES}
     graph = {name: reach(tree) - {name} for name, tree in trees.items()}
     TopologicalSorter(graph).prepare()  # a CycleError names the modules of the circle
 

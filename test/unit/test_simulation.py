@@ -98,6 +98,7 @@ def test_the_example_in_the_package_s_docstring_is_true():
     assert result.attempted > 3 and result.failed == 0
 
 
+@pytest.mark.slow
 def test_the_example_runs():
     command = [sys.executable, EXAMPLES / "grasp_without_ros.py"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=200)
@@ -105,6 +106,7 @@ def test_the_example_runs():
     assert "hand up by 100 mm, object by 100 mm" in ended.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("installed", [True, False])
 def test_the_sweep_gives_the_same_map_on_a_cluster_and_without_dask(installed):
     if installed:

@@ -207,6 +207,7 @@ def test_an_empty_scene_has_no_object_and_no_forces():
     assert not seen.finger_force_n.any()
 
 
+@pytest.mark.slow
 def test_the_static_tier_neither_loads_nor_compiles_the_moving_tiers():
     code = (
         "import sys, dataclasses; from mbpam_ros.gripper import load_gripper;"
@@ -218,6 +219,7 @@ def test_the_static_tier_neither_loads_nor_compiles_the_moving_tiers():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tier", ["arc", "rod"])
 def test_uncompiled_code_gives_the_same_result(tier):
     code = (

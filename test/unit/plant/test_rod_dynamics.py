@@ -173,6 +173,7 @@ def energies_of_a_swing(modes, step_s, duration_s):
     return np.array(totals), highest
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("modes", "step_s"), [(1, 5e-3), (2, 2e-3), (3, 1e-3)])
 def test_undamped_muscles_swinging_in_space_keep_their_energy_for_ten_seconds(modes, step_s):
     totals, highest = energies_of_a_swing(modes, step_s, 10.0)

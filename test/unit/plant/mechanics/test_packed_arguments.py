@@ -108,6 +108,7 @@ def moved(packed):
     return parts
 
 
+@pytest.mark.slow
 def test_without_packing_the_same_bits_are_computed():
     packed, plain = moved(True), moved(False)
     assert packed.load.any()
