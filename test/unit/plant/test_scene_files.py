@@ -1,6 +1,7 @@
 """Scene files, the catalogue of objects, and what is refused."""
 
 import dataclasses
+import inspect
 import re
 
 import numpy as np
@@ -113,7 +114,7 @@ def test_a_table_is_one_endless_plane_and_a_stand_a_plate_on_one():
 
 def test_every_field_of_a_scene_is_explained():
     for kind in (Scene, FidelityRequest, Fidelity):
-        told = re.findall(r"^        ([a-z_0-9, ]+):", kind.__doc__, re.MULTILINE)
+        told = re.findall(r"^    ([a-z_0-9, ]+):", inspect.getdoc(kind), re.MULTILINE)
         assert ", ".join(told).split(", ") == [field.name for field in dataclasses.fields(kind)]
 
 
