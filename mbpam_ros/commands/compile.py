@@ -27,25 +27,28 @@ class _Counter(event.Listener):
     """Shows how many functions have been compiled."""
 
     def __init__(self, progress: Progress) -> None:
-        self._progress, self.begun, self.count = progress, 0, 0
-        self._began_s = time.monotonic()
+        self._progress, self._begun, self._began_s = progress, False, time.monotonic()
+        self.count = 0
 
     def on_start(self, _: event.Event) -> None:
-        self.begun += 1  # a function begins those it calls before it ends
-        if self.begun == 1:
+        if not self._begun:  # a function begins those it calls before it ends
+            self._begun = True
             self._progress.say("compiling the kernels, once for this installation: up to a minute")
 
     def on_end(self, _: event.Event) -> None:
         self.count += 1
-        self._progress.show(f"{self.count} functions compiled in {time.monotonic() - self._began_s:.0f} s")
+        self._progress.show(str(self))
+
+    def __str__(self) -> str:
+        return f"{self.count} functions compiled in {time.monotonic() - self._began_s:.0f} s"
 
 
-def compile_all(progress: Progress) -> int:
-    """Call every kernel once; return how many functions were compiled, 0 where all were in the cache."""
+def compile_all(progress: Progress) -> None:
+    """Call every kernel once; what is not in the cache is compiled, and ``progress`` told how far that is."""
     with event.install_listener("numba:compile", _Counter(progress)) as counter:
         for work in (_estimate, _flow, _move):
             work()
-    return int(counter.count)
+    progress.say(str(counter) if counter.count else "all is compiled")
 
 
 def _estimate() -> None:
@@ -55,8 +58,9 @@ def _estimate() -> None:
 
 
 def _flow() -> None:
+    chamber = load_pneumatics().chamber
     for name in pneumatic_model_names():
-        build_pneumatics(name, load_pneumatics().chamber).step(np.zeros(CHANNEL_COUNT), 0.01)
+        build_pneumatics(name, chamber).step(np.zeros(CHANNEL_COUNT), 0.01)
 
 
 def _move() -> None:
@@ -70,7 +74,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compile what is not compiled."""
-    began_s, progress = time.monotonic(), Progress()
-    count = compile_all(progress)
-    progress.say(f"{count} functions compiled in {time.monotonic() - began_s:.0f} s" if count else "all is compiled")
+    compile_all(Progress())
     return 0

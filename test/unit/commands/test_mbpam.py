@@ -83,17 +83,10 @@ def test_a_missing_extra_is_named(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_ctrl_c_ends_a_verb_with_130_one_line_and_no_process_left(workers, tmp_path):
+def test_ctrl_c_ends_a_verb_with_130_one_line_and_no_process_left(workers, tmp_path, start_as_from_a_terminal):
     file = tmp_path / "grasps.json"
     command = [*MBPAM, "grasps", "--tier", "arc", "--workers", workers, "--json", str(file)]
-    process = subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # ignored where the tests run in a background
-    )
+    process = start_as_from_a_terminal(command)
     assert "jobs on one core" in process.stdout.readline()
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the workers get it too
     _, said = process.communicate(timeout=30)

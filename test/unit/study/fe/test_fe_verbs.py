@@ -100,7 +100,7 @@ def test_fillets_and_contact_reach_the_run_and_its_settings(monkeypatch, tmp_pat
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_an_interrupt_keeps_what_is_finished_and_the_same_command_goes_on(workers, tmp_path):
+def test_an_interrupt_keeps_what_is_finished_and_the_same_command_goes_on(workers, tmp_path, start_as_from_a_terminal):
     path = tmp_path / "x.json"
     designs = ["table_1:9", "table_2:7", "table_1:14"]  # two more: the interrupt cannot come too late
     command = [
@@ -115,14 +115,7 @@ def test_an_interrupt_keeps_what_is_finished_and_the_same_command_goes_on(worker
         "--no-pictures",
     ]
     command += ["--json", str(path)]
-    run = subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # ignored where the tests run in a background
-    )
+    run = start_as_from_a_terminal(command)
     assert "3 jobs" in run.stdout.readline()  # what it costs, said beforehand
     assert run.stdout.readline().startswith("[1/3]")
     os.killpg(run.pid, signal.SIGINT)  # as a terminal does: the workers get it too
