@@ -19,8 +19,8 @@ so no unknown is left inside. A strain that is left out is 0, and N c with the s
 n is known beforehand. What is not is the tip's rotation: marched from an assumed one (classical Runge-Kutta on unit
 quaternions, fourth order), the clamp's must come out as none. Newton's method in these three unknowns, slopes by
 differences; without loads the clamp turns exactly as the tip does. Marching is explicit, accurate for steps far below
-the length on which loads bend the rod, sqrt(B / F) and (B / w)^(1/3), some 0.1 m against 0.004 m: halving the steps
-moves the tip by less than 1e-7 of L.
+the length on which loads bend the rod, sqrt(B / F) and (B / w)^(1/3), some 0.1 m against 0.004 m: the tip is
+off by 5e-7 of L at 100 kPa under a force of 0.06 N, a torque of 2 N mm and tilted gravity.
 
 Where several equilibria exist, the one returned is that which the unloaded muscle comes to when its weight is raised
 first and the loads on its tip after it. Each level is reached with Newton steps that turn the tip by no more than
