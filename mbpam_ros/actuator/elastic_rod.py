@@ -41,7 +41,7 @@ from numpy.typing import ArrayLike, NDArray
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.actuator.planar_rod import RodSolutionError
-from mbpam_ros.actuator.rod_law import RodLaw
+from mbpam_ros.actuator.rod_law import RodLaw, StrainLaw
 from mbpam_ros.geometry import rotations
 
 Array = NDArray[np.float64]
@@ -158,22 +158,26 @@ def rod_section(law: RodLaw, pressure_gauge_pa: ArrayLike, strains: Sequence[str
         ValueError: an unknown strain, ``bend`` is missing, or not four pressures.
         StrainLawError: the law says nothing of a strain.
     """
-    check_strains(strains)
     moment, stiffness = law.moment_and_stiffness(pressure_gauge_pa)
-    section = RodSection(float(moment[0]), float(moment[1]), float(stiffness))
-    if len(strains) == 1:
-        return section
-    of = law.strain_law(pressure_gauge_pa)
-    if "stretch" in strains:
-        section = section._replace(
-            free_stretch=float(of.free_stretch),
-            slope_x_m=float(of.stretch_per_curvature_m[0]),
-            slope_y_m=float(of.stretch_per_curvature_m[1]),
-            axial_compliance_per_n=1.0 / float(of.axial_stiffness_n),
-        )
-    if "twist" in strains:
-        section = section._replace(torsion_compliance_per_n_m2=1.0 / float(of.torsion_stiffness_n_m2))
-    return section
+    of = _known_strains(law, pressure_gauge_pa, strains)
+    return RodSection(*_section_rows(moment, stiffness, of, strains).tolist())
+
+
+def _known_strains(law: RodLaw, pressure_gauge_pa: ArrayLike, strains: Sequence[str]) -> StrainLaw | None:
+    check_strains(strains)
+    return law.strain_law(pressure_gauge_pa) if len(strains) > 1 else None
+
+
+def _section_rows(moment_n_m: Array, stiffness_n_m2: Array, of: StrainLaw | None, strains: Sequence[str]) -> Array:
+    """Fields of :class:`RodSection` in the last axis, shape (..., 8); what ``strains`` leave out is 0."""
+    rows = np.zeros((*stiffness_n_m2.shape, 8))
+    rows[..., :2], rows[..., 2] = moment_n_m, stiffness_n_m2
+    if of is not None and "stretch" in strains:
+        rows[..., 3], rows[..., 4:6] = of.free_stretch, of.stretch_per_curvature_m
+        rows[..., 6] = 1.0 / of.axial_stiffness_n
+    if of is not None and "twist" in strains:
+        rows[..., 7] = 1.0 / of.torsion_stiffness_n_m2
+    return rows
 
 
 def check_strains(strains: Sequence[str]) -> None:
@@ -212,6 +216,75 @@ def rod_at_rest(
         if reached < 1.0:
             raise RodSolutionError(f"no equilibrium of the rod was found beyond {reached:.0%} of the {name}")
     return _at_rest(tip, section, everything, shape, points)
+
+
+@dataclass(frozen=True, eq=False)
+class RodsAtRest:
+    """Several rods in equilibrium, in their muscle frames; NaN where one is not known.
+
+    Args:
+        tip_position_m: centres of the tips' end faces, shape (n, 3).
+        tip_orientation_xyzw: unit quaternions of the tips' sections, shape (n, 4).
+        centreline_m: from clamp to tip, evenly spaced between the two ends' inner faces, shape (n, steps + 3, 3).
+        arc_length_m: unstretched distance of its points from the clamp, shape (steps + 3,).
+    """
+
+    tip_position_m: Array
+    tip_orientation_xyzw: Array
+    centreline_m: Array
+    arc_length_m: Array
+
+
+class FreeRods:
+    """Rods with nothing on their tips, solved from a good guess: for what runs at 100 Hz.
+
+    The same equilibria as :func:`rod_at_rest`'s: where Newton's method does not find one from the guess, the loads are
+    raised as there.
+
+    Args:
+        law: of the muscles.
+        geometry: of the muscles.
+        strains: what they may do.
+
+    Raises:
+        ValueError: unknown strains.
+    """
+
+    def __init__(self, law: RodLaw, geometry: MuscleGeometry, strains: Sequence[str] = STRAINS) -> None:
+        check_strains(strains)
+        self._law, self._geometry, self._strains, self._shape = law, geometry, tuple(strains), _shape(geometry)
+        end, active = geometry.end_length_m, geometry.active_length_m
+        self._arc_length = np.concatenate([[0.0], end + np.linspace(0.0, active, STEPS + 1), [2.0 * end + active]])
+
+    def at_rest(
+        self,
+        moment_n_m: Array,
+        pressure_gauge_pa: Array,
+        gravity_m_s2: Sequence[float],
+        near_bend_rad: Array,
+    ) -> RodsAtRest:
+        """Return the rods with intrinsic moments (n, 2), stiffnesses and strains of pressures (n, 4).
+
+        Args:
+            moment_n_m: M0, which need not be that of the pressures.
+            pressure_gauge_pa: of chambers 1 to 4.
+            gravity_m_s2: acceleration in the muscle frames, (3,).
+            near_bend_rad: constant curvatures whose tips point nearly as the rods', (n, 2).
+
+        Raises:
+            StrainLawError: the law says nothing of a strain.
+        """
+        stiffness = self._law.moment_and_stiffness(pressure_gauge_pa)[1]
+        of = _known_strains(self._law, pressure_gauge_pa, self._strains)
+        rows = _section_rows(moment_n_m, stiffness, of, self._strains)
+        loads = _packed(RodLoads(gravity_m_s2=_three(gravity_m_s2)), self._geometry, 0.0)
+        tips, points = _solved_near(rows, loads, self._shape, near_bend_rad, STEPS)
+        return RodsAtRest(points[:, -1], tips, points, self._arc_length)
+
+
+def _three(values: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
 
 
 class _Shape(NamedTuple):
@@ -398,3 +471,33 @@ def _followed(
             if level < _LEAST_LEVEL:
                 break
     return reached, tip
+
+
+@njit(cache=True)
+def _solved_near(rows: Array, loads: Array, shape: _Shape, near_bend_rad: Array, steps: int) -> tuple[Array, Array]:
+    """Rotations of the tips (n, 4) and points from clamp to tip (n, steps + 3, 3)."""
+    count = rows.shape[0]
+    tips, lines = np.full((count, 4), np.nan), np.full((count, steps + 3, 3), np.nan)
+    points, nothing = np.empty((steps + 1, 3)), np.zeros(7)
+    for i in range(count):
+        if np.isnan(rows[i]).any() or np.isnan(near_bend_rad[i]).any():
+            continue
+        section = RodSection(
+            rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5], rows[i, 6], rows[i, 7]
+        )
+        found, tip = _solved(_turn(-near_bend_rad[i, 1], near_bend_rad[i, 0], 0.0), section, loads, shape, points)
+        if not found:
+            turned = shape.active_m / section.stiffness_n_m2
+            start = _turn(-turned * section.moment_y_n_m, turned * section.moment_x_n_m, 0.0)
+            reached, tip = _followed(start, section, nothing, loads, shape, points)
+            if reached < 1.0:
+                continue
+        _march(tip, section, loads, shape, points)
+        x, y, z, w = tip
+        tips[i, 0], tips[i, 1], tips[i, 2], tips[i, 3] = x, y, z, w
+        lines[i, 0] = 0.0
+        lines[i, 1 : steps + 2] = points
+        lines[i, steps + 2, 0] = points[steps, 0] + shape.end_m * 2.0 * (x * z + y * w)
+        lines[i, steps + 2, 1] = points[steps, 1] + shape.end_m * 2.0 * (y * z - x * w)
+        lines[i, steps + 2, 2] = points[steps, 2] + shape.end_m * (1.0 - 2.0 * (x * x + y * y))
+    return tips, lines

@@ -1,6 +1,6 @@
 """One muscle at rest as a rod: where its tip lies under pressures, loads on the tip and gravity in any direction.
 
-    mbpam rod --pattern pdc --pressure-kpa 100 --tip-force=0,0.05,0 --gravity=0,0,9.81 --json FILE
+    mbpam rod --pattern pdc --pressure-kpa 100 --tip-force 0,0.05,0 --gravity 0,0,9.81 --json FILE
     mbpam rod --states fe_muscle_states.json --json FILE     beside finite elements, state by state
     mbpam rod --strains bend                                 a rod that cannot stretch or twist
 

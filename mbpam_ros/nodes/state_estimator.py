@@ -116,13 +116,13 @@ class StateEstimatorNode(GripperNode):
         if self._tips.get_subscription_count() > 0:
             tips = PoseArray()
             tips.header.stamp, tips.header.frame_id = stamp, BASE_FRAME
-            tips.poses = [pose(*tip) for tip in zip(*self._estimator.tips(estimate.bend_rad), strict=True)]
+            tips.poses = [pose(*tip) for tip in zip(*self._estimator.tips(estimate), strict=True)]
             self._tips.publish(tips)
 
     def _publish_markers(self) -> None:
         if self._estimate is None or self._is_stale() or self._markers.get_subscription_count() == 0:
             return
-        lines = self._estimator.centrelines(self._estimate.bend_rad)
+        lines = self._estimator.centrelines(self._estimate)
         stamp = self.now_stamp()
         radius_m = self._gripper.geometry.outer_radius_m
         self._markers.publish(MarkerArray(markers=finger_markers(stamp, BASE_FRAME, lines, radius_m, (0.2, 0.6, 1.0))))

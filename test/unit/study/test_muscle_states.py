@@ -139,10 +139,10 @@ def test_what_describes_no_state_is_refused(change, message):
 
 def test_the_verb_prints_the_tip_and_writes_state_answer_and_model(tmp_path, capsys):
     path = tmp_path / "rod.json"
-    arguments = ["rod", "--pattern", "psc", "--pressure-kpa", "80", "--tip-force=-0.02,0,0", "--tip-torque", "1"]
+    arguments = ["rod", "--pattern", "psc", "--pressure-kpa", "80", "--tip-force", "-0.02,0,0", "--tip-torque", "-1"]
     assert main([*arguments, "--gravity", "9.81,0,0", "--strains", "bend", "--json", str(path)]) == 0
     result = json.loads(path.read_text())
-    assert [result[key] for key in KEYS] == ["psc", 80.0, [-0.02, 0.0, 0.0], 1.0, [9.81, 0.0, 0.0]]
+    assert [result[key] for key in KEYS] == ["psc", 80.0, [-0.02, 0.0, 0.0], -1.0, [9.81, 0.0, 0.0]]
     assert set(ANSWERS) < result.keys() and result["strains"] == ["bend"]
     assert f"{result['tip_angle_deg']:.2f} deg" in capsys.readouterr().out
 
