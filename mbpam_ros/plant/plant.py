@@ -241,7 +241,7 @@ class Plant:
         """
         vector = np.array(gravity_m_s2, dtype=float)
         if vector.shape != (3,) or not np.isfinite(vector).all():
-            raise GravityError(f"gravity must be three finite numbers in m/s2, found {gravity_m_s2}")
+            raise GravityError(f"gravity must be three finite numbers in m/s2, found {gravity_m_s2!r}")
         self._tier.set_gravity(vector)
 
     def _actuation(self, pressure_gauge_pa: Array) -> Actuation:

@@ -130,15 +130,14 @@ def build_rod(
     middles = shares[:-1] + 0.5 * widths
     at = middles[:, None] + widths[:, None] * np.array([-_GAUSS, _GAUSS])
     legendre_at_gauss = widths[:, None, None] * legendre.legvander(2.0 * at - 1.0, max(modes, twist_modes, 1) - 1)
+    at_points = legendre.legvander(2.0 * shares - 1.0, max(stretch_modes, 1) - 1).astype(np.float64, copy=False)
     inertia, levers = _inertia_and_levers(geometry, segments, stretching)
     ball_at = np.linspace(0.0, geometry.length_m - geometry.outer_radius_m, balls)
     degrees = 2.0 * np.arange(max(modes, twist_modes, stretch_modes), dtype=np.float64) + 1.0
     return Rod(
         bends=np.ascontiguousarray(legendre_at_gauss[..., :modes]),
         twists=np.ascontiguousarray(legendre_at_gauss[..., :twist_modes]),
-        stretches=np.ascontiguousarray(legendre.legvander(2.0 * shares - 1.0, max(stretch_modes, 1) - 1))[
-            :, :stretch_modes
-        ].copy(),
+        stretches=np.ascontiguousarray(at_points[:, :stretch_modes]),
         springs=1.0 / (geometry.active_length_m * degrees[: max(modes, twist_modes)]),
         stretch_springs=geometry.active_length_m / degrees[:stretch_modes],
         active_length=geometry.active_length_m,
@@ -155,7 +154,7 @@ def build_rod(
 
 def coordinates_of(rod: Rod) -> int:
     """Return D."""
-    return 2 * rod.bends.shape[2] + rod.twists.shape[2] + rod.stretches.shape[1]
+    return 2 * int(rod.bends.shape[2]) + int(rod.twists.shape[2]) + int(rod.stretches.shape[1])
 
 
 def motion_at_rest(rod: Rod, fingers: int) -> Motion:
@@ -204,7 +203,7 @@ def _turn_weights(geometry: MuscleGeometry, segments: int, arc_length_m: Array, 
 def _spin_inertia(geometry: MuscleGeometry, segments: int) -> Array:
     """Return J of the points 1 to S: Lobatto's rule on the active part, and the end at the tip on the last one."""
     per_length = 0.5 * geometry.mass_per_length_kg_m * geometry.outer_radius_m**2
-    integrals = legendre.legval(1.0, legendre.legint(_lagrange_coefficients(segments), lbnd=-1.0))
+    integrals: Array = np.asarray(legendre.legval(1.0, legendre.legint(_lagrange_coefficients(segments), lbnd=-1.0)))
     spins: Array = 0.5 * geometry.active_length_m * per_length * integrals[1:]
     spins[-1] += geometry.end_length_m * per_length
     return spins
@@ -460,7 +459,8 @@ def masses_and_loads(rod: Rod, motion: Motion, gravity: Vector, work: Array, mas
 @kernel(forceinline=True)
 def _work_of(weight: Vector, slope: Array, column: int) -> float:
     """Along z first: where gravity is along it, no digit changes."""
-    return weight[2] * slope[2, column] + (weight[0] * slope[0, column] + weight[1] * slope[1, column])
+    work: float = weight[2] * slope[2, column] + (weight[0] * slope[0, column] + weight[1] * slope[1, column])
+    return work
 
 
 @kernel
