@@ -102,9 +102,9 @@ TOPICS = (
     Topic(
         "gravity",
         "geometry_msgs/msg/Vector3Stamped",
-        "direction in which gravity pulls, in gripper_base; until one comes, as the scene says",
+        "direction in which gravity pulls, in gripper_base; until one comes, the gripper hangs, or as the scene says",
         (),
-        ("plant",),
+        ("plant", "state_estimator"),
     ),
     Topic("camera/image_raw", "sensor_msgs/msg/Image", "rgb8 image of the palm", ("plant",), ("object_detector",)),
     Topic("camera/camera_info", "sensor_msgs/msg/CameraInfo", "its lens", ("plant",), ("object_detector",)),
