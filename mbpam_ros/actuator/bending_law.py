@@ -19,8 +19,9 @@ from __future__ import annotations
 
 import functools
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ from scipy.interpolate import PchipInterpolator
 
 from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.configuration import ConfigError, config_path
+
+_Part = TypeVar("_Part")
 
 PATTERNS = ("pdc", "psc")
 """Two adjacent chambers under pressure, and one."""
@@ -139,13 +142,30 @@ def stored_cell_laws() -> dict[str, CellLaw]:
     Raises:
         ConfigError: the file is missing, or no law of ``mbpam fe law``.
     """
+    return _read(_laws)
+
+
+def stored_shear_modulus_pa() -> float:
+    """Return the shear modulus of the unstrained silicone that the laws were computed with, 2 C10 of Yeoh's energy.
+
+    Raises:
+        ConfigError: the file is missing, or no law of ``mbpam fe law``.
+    """
+    return _read(lambda content: 2e6 * float(content["settings"]["silicone"]["c10_mpa"]))
+
+
+def _read(part: Callable[[dict[str, Any]], _Part]) -> _Part:
+    """Return ``part`` of the law file's content."""
     path = config_path(LAW_FILE)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        length_m = 1e-3 * content["settings"]["geometry"]["active_length_mm"]
-        return {pattern: _from_tables(content["tables"], pattern, length_m) for pattern in PATTERNS}
+        return part(json.loads(path.read_text(encoding="utf-8")))
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise ConfigError(f"{path}: no bending law of mbpam fe law: {error}") from error
+
+
+def _laws(content: dict[str, Any]) -> dict[str, CellLaw]:
+    length_m = 1e-3 * content["settings"]["geometry"]["active_length_mm"]
+    return {pattern: _from_tables(content["tables"], pattern, length_m) for pattern in PATTERNS}
 
 
 def _from_tables(tables: list[dict[str, Any]], pattern: str, length_m: float) -> CellLaw:

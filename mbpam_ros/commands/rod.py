@@ -17,12 +17,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mbpam_ros.actuator.bending_law import stored_shear_modulus_pa
 from mbpam_ros.actuator.calibration import calibrated_rod_law
-from mbpam_ros.actuator.elastic_rod import STRAINS, check_strains
+from mbpam_ros.actuator.elastic_rod import RIGID, STRAINS, check_strains, solid_end
 from mbpam_ros.actuator.rod_law import RodLaw, finite_element_rod_law
 from mbpam_ros.commands.muscle_state import add_muscle_state, muscle_state
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.study.muscle_states import (
+    RodModel,
     answer_text,
     compared,
     comparison_text,
@@ -33,6 +35,7 @@ from mbpam_ros.study.muscle_states import (
 from mbpam_ros.study.result_file import write_json
 
 LAWS = ("config", "calibrated")
+ENDS = ("rigid", "silicone")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,6 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"what the rod may do (default: {','.join(STRAINS)})",
     )
     parser.add_argument("--law", choices=LAWS, default="config", help="default: config")
+    parser.add_argument(
+        "--ends", choices=ENDS, default="rigid", help="rigid, as in the plant, or solid silicone (default: rigid)"
+    )
     parser.add_argument("--gripper", default="gripper.yaml", metavar="YAML", help="the muscle (default: gripper.yaml)")
     parser.add_argument(
         "--mass-per-length", type=_mass, metavar="KG/M", help="of active part and ends (default: as the gripper file)"
@@ -62,22 +68,24 @@ def run(options: argparse.Namespace) -> int:
     geometry = gripper.geometry
     if options.mass_per_length is not None:
         geometry = replace(geometry, mass_per_length_kg_m=options.mass_per_length)
-    law = _law(options.law, gripper)
-    model: dict[str, Any] = {
+    ends = RIGID if options.ends == "rigid" else solid_end(stored_shear_modulus_pa(), geometry)
+    model = RodModel(_law(options.law, gripper), geometry, options.strains, ends)
+    told: dict[str, Any] = {
         "strains": list(options.strains),
         "law": options.law,
+        "ends": options.ends,
         "active_length_mm": 1e3 * geometry.active_length_m,
         "end_length_mm": 1e3 * geometry.end_length_m,
         "mass_per_length_kg_m": geometry.mass_per_length_kg_m,
     }
     if options.states is None:
-        answer = rod_answer(muscle_state(options), law, geometry, options.strains)
+        answer = rod_answer(muscle_state(options), model)
         print(answer_text([answer]))
-        result = answer | model
+        result = answer | told
     else:
-        found = compared(read_states(options.states), law, geometry, options.strains)
+        found = compared(read_states(options.states), model)
         print(comparison_text(found))
-        result = model | {"reference": options.states.name, "summary": summary(found), "states": found}
+        result = told | {"reference": options.states.name, "summary": summary(found), "states": found}
     if options.json is not None:
         write_json(options.json, result)
     return 0
