@@ -5,9 +5,9 @@
     mbpam plan empty --tolerance 1 --transient-tolerance 20  each by itself
     mbpam plan bulb --pneumatics lag --step-s 0.002          parts decided by you
 
-A scene file with "tier: auto" is computed so; what it gives itself (sub_step_s, pneumatics, modes, moving_fingers,
-contact: false, tolerance) is forced then. What a file with another tier gives is judged below the plan. Errors and
-costs come from the table that "mbpam trade" measured; run it on your machine for its CPU times.
+A scene file with "tier: auto" is computed so; what it gives itself (sub_step_s, pneumatics, strains, modes,
+moving_fingers, contact: false, tolerance) is forced then. What a file with another tier gives is judged below the plan.
+Errors and costs come from the table that "mbpam trade" measured; run it on your machine for its CPU times.
 
 The exit status is 1 where the plan is outside the tolerance.
 """
@@ -19,14 +19,14 @@ import dataclasses
 from pathlib import Path
 
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.fidelity import ALL_FINGERS, AUTO, TABLE, FidelityRequest, Tolerance, load_fidelity_table
+from mbpam_ros.plant.fidelity import ALL_FINGERS, AUTO, STRAINS, TABLE, FidelityRequest, Tolerance, load_fidelity_table
 from mbpam_ros.plant.planner import PlanError, plan
 from mbpam_ros.plant.scene import load_scene
 from mbpam_ros.plant.tiers.registry import tier_names
 from mbpam_ros.pneumatics.registry import pneumatic_model_names
 from mbpam_ros.study.fidelity.plan import plan_text
 
-_DECIDED = ("tier", "modes", "sub_step_s", "pneumatics", "contact")
+_DECIDED = ("tier", "modes", "sub_step_s", "pneumatics", "contact", "strains")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--transient-tolerance", type=float, metavar="PCT", help="of the error in motion")
     parser.add_argument("--force-tolerance", type=float, metavar="PCT", help="of the error of contact forces")
     parser.add_argument("--tier", choices=tier_names())
+    parser.add_argument("--strains", nargs="+", choices=STRAINS, help="what the muscles do, bend always")
     parser.add_argument("--modes", type=int, help="modes of curvature a plane")
     parser.add_argument("--step-s", dest="sub_step_s", type=float, metavar="S", help="sub-step")
     parser.add_argument("--pneumatics", choices=pneumatic_model_names(), help="taken for the real ones")
@@ -73,6 +74,7 @@ def _tolerance(request: FidelityRequest, options: argparse.Namespace) -> Toleran
 def _decided(request: FidelityRequest, options: argparse.Namespace) -> FidelityRequest:
     given = request if request.tier == AUTO else FidelityRequest()
     wanted = {name: getattr(options, name) for name in _DECIDED}
+    wanted["strains"] = options.strains and tuple(options.strains)
     wanted["moving_fingers"] = options.fingers and tuple(options.fingers)
     try:
         return dataclasses.replace(given, **{name: value for name, value in wanted.items() if value is not None})

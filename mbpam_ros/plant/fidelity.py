@@ -22,6 +22,13 @@ STRAINS = ("bend", "twist", "stretch")
 TWIST_MODES = STRETCH_MODES = 2
 """Modes of a strain that a scene asks for."""
 
+
+def strains_of(twist_modes: int, stretch_modes: int) -> tuple[str, ...]:
+    """Return the strains that have modes; bend always has."""
+    modes = {"bend": 1, "twist": twist_modes, "stretch": stretch_modes}
+    return tuple(strain for strain in STRAINS if modes[strain])
+
+
 ALL_FINGERS = tuple(range(1, FINGER_COUNT + 1))
 """Numbers of the fingers."""
 
@@ -55,6 +62,11 @@ class Fidelity:
     largest_jump_pct: float = 5.0
     twist_modes: int = 0
     stretch_modes: int = 0
+
+    @property
+    def strains(self) -> tuple[str, ...]:
+        """What the muscles do, some of :data:`STRAINS` in their order."""
+        return strains_of(self.twist_modes, self.stretch_modes)
 
     def __post_init__(self) -> None:
         require_positive(self, "sub_step_s", "largest_jump_pct")
@@ -95,7 +107,8 @@ class FidelityRequest:
         air_modes: those while the object is out of reach; none for always ``modes``.
         moving_fingers, contact: as in :class:`Fidelity`; none for all, and for contact with what there is.
         tolerance: what errors are allowed; none for the default.
-        strains: which of bend, twist and stretch a muscle has in the tier ``rod``; bend always.
+        strains: which of bend, twist and stretch a muscle has in the tier ``rod``; bend always. None: bend alone where
+            tier and step are given, else as planned.
     """
 
     tier: str = AUTO
@@ -106,13 +119,15 @@ class FidelityRequest:
     moving_fingers: tuple[int, ...] | None = None
     contact: bool | None = None
     tolerance: Tolerance | None = None
-    strains: tuple[str, ...] = ("bend",)
+    strains: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.sub_step_s is not None:
             require_positive(self, "sub_step_s")
-        if "bend" not in self.strains or not set(self.strains) <= set(STRAINS):
-            raise ValueError(f"strains are bend and any of {', '.join(STRAINS[1:])}, found {list(self.strains)}")
+        if self.strains is not None:
+            if "bend" not in self.strains or not set(self.strains) <= set(STRAINS):
+                raise ValueError(f"strains are bend and any of {', '.join(STRAINS[1:])}, found {list(self.strains)}")
+            object.__setattr__(self, "strains", tuple(each for each in STRAINS if each in self.strains))
         if self.moving_fingers is not None:
             _require_fingers(self.moving_fingers)
 
@@ -130,7 +145,7 @@ def _require_fingers(moving: tuple[int, ...]) -> None:
 
 @dataclass(frozen=True)
 class Measured:
-    """One row of the table: errors against the converged reference, and CPU time.
+    """One row of the table: errors against the converged reference of a muscle with the same strains, and CPU time.
 
     Args:
         scene: the case that was run (:mod:`~mbpam_ros.study.fidelity.cases`).
@@ -142,6 +157,7 @@ class Measured:
         cpu_ms_per_s: process time of the plant's steps at 100 Hz for one simulated second, without observing.
         contact_force_error_pct: at rest, the largest difference of a finger's force, as a vector, over the larger of
             the reference's largest and the object's weight; none where nothing touches.
+        twist_modes, stretch_modes: as in :class:`Fidelity`.
     """
 
     scene: str
@@ -154,11 +170,35 @@ class Measured:
     pressure_error_pct: float
     cpu_ms_per_s: float
     contact_force_error_pct: float | None = None
+    twist_modes: int = 0
+    stretch_modes: int = 0
 
     @property
     def fidelity(self) -> Fidelity:
         """How the case was computed."""
-        return Fidelity(self.tier, self.modes, self.step_s, self.pneumatics)
+        return Fidelity(
+            self.tier,
+            self.modes,
+            self.step_s,
+            self.pneumatics,
+            twist_modes=self.twist_modes,
+            stretch_modes=self.stretch_modes,
+        )
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """How far a converged rod with some strains is off the whole muscle in finite elements.
+
+    Args:
+        strains: of the rod.
+        free_pct: the largest distance of the tips over the active length, nothing but gravity acting on the muscle.
+        loaded_pct: the same, forces and torques on the tip among what acts.
+    """
+
+    strains: tuple[str, ...]
+    free_pct: float
+    loaded_pct: float
 
 
 @dataclass(frozen=True)
@@ -170,12 +210,21 @@ class FidelityTable:
         reference: what the rows are measured against, and how far that can be trusted.
         machine: where the CPU times come from.
         versions: of the libraries.
+        model_errors: of the rods, a row for each set of strains; none: not known.
     """
 
     rows: tuple[Measured, ...]
     reference: dict[str, dict[str, float]]
     machine: dict[str, str]
     versions: dict[str, str]
+    model_errors: tuple[ModelError, ...] = ()
+
+    def model_error_pct(self, strains: tuple[str, ...], loaded: bool) -> float:
+        """Return how far a rod with these strains is off the finite elements; 0 where that is not known."""
+        for each in self.model_errors:
+            if each.strains == strains:
+                return each.loaded_pct if loaded else each.free_pct
+        return 0.0
 
 
 def load_fidelity_table(name: str | Path = TABLE) -> FidelityTable:

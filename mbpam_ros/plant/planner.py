@@ -2,8 +2,9 @@
 
 What is in the scene says which measured cases stand for it: without anything to touch those in the air, with an object
 those that grasp one of its shape. A fidelity is as far off as in the worst of them, no nearer than with a shorter step,
-and never nearer than their reference is known. CPU times vary from run to run, so of those that cost next to the least
-the most accurate is taken.
+and never nearer than their reference is known. To that error, of the solution, comes the one of its equations: how far
+a rod that only bends, or also stretches and twists, is off the muscle in finite elements. CPU times vary from run to
+run, so of those that cost next to the least the most accurate is taken.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ REFERENCE_PNEUMATICS = "iso6358"
 SAME_COST = 1.1
 """Costs within this factor count as equal: medians of process times repeat no better."""
 
-_PARTS = ("pneumatics", "tier", "modes", "sub_step_s")
+_PARTS = ("pneumatics", "tier", "strains", "modes", "sub_step_s")
 FREE_MODES, CONTACT_MODES = 2, 3
 """Of a rod for which nothing else is decided, in the air and where there may be contact."""
 
@@ -49,6 +50,7 @@ class Expected:
 
     Args:
         static_pct, transient_pct, contact_force_pct: as in :class:`~mbpam_ros.plant.fidelity.Tolerance`.
+        model_pct: the model's part in the first two.
         cpu_ms_per_s: for one simulated second.
         excess: the largest error over what is allowed; up to 1 is within the tolerance.
     """
@@ -58,9 +60,12 @@ class Expected:
     contact_force_pct: float
     cpu_ms_per_s: float
     excess: float
+    model_pct: float = 0.0
 
     def __str__(self) -> str:
         errors = f"{_figure(self.static_pct)} % at rest, {_figure(self.transient_pct)} % in motion"
+        if self.model_pct:
+            errors += f" ({_figure(self.model_pct)} of them the model's)"
         force = f", {_figure(self.contact_force_pct)} % of force" if self.contact_force_pct else ""
         return f"{errors}{force}, {self.cpu_ms_per_s:.0f} ms/s"
 
@@ -93,6 +98,7 @@ class Plan:
         values = {
             "pneumatics": str(chosen.pneumatics),
             "tier": chosen.tier,
+            "strains": _short(chosen.strains),
             "modes": str(chosen.modes),
             "air_modes": str(chosen.air_modes or chosen.modes),
             "sub_step_s": f"{1e3 * chosen.sub_step_s:g} ms",
@@ -147,7 +153,10 @@ def choose_fidelity(
     if modes is None:
         in_contact = contact and may_touch(scene, finger_length_m)
         modes = 1 if request.tier != "rod" else CONTACT_MODES if in_contact else FREE_MODES
-    chosen = Fidelity(request.tier, modes, request.sub_step_s, request.pneumatics, request.air_modes)
+    chosen = _with_strains(
+        Fidelity(request.tier, modes, request.sub_step_s, request.pneumatics, request.air_modes),
+        request.strains or ("bend",),
+    )
     return _with_what_is_not_measured(chosen, request)
 
 
@@ -205,8 +214,14 @@ def _with_what_is_not_measured(chosen: Fidelity, request: FidelityRequest) -> Fi
         moving_fingers=request.moving_fingers or ALL_FINGERS,
         contact=request.contact is not False,
         largest_jump_pct=(request.tolerance or Tolerance()).static_pct,
-        twist_modes=TWIST_MODES if "twist" in request.strains else 0,
-        stretch_modes=STRETCH_MODES if "stretch" in request.strains else 0,
+    )
+
+
+def _with_strains(chosen: Fidelity, strains: tuple[str, ...]) -> Fidelity:
+    return dataclasses.replace(
+        chosen,
+        twist_modes=TWIST_MODES if "twist" in strains else 0,
+        stretch_modes=STRETCH_MODES if "stretch" in strains else 0,
     )
 
 
@@ -218,7 +233,7 @@ def _decided(request: FidelityRequest, part: str) -> object:
 
 def _air_modes(chosen: Fidelity, table: FidelityTable, allowed: Tolerance) -> int | None:
     """Return fewer modes that do while an object is out of reach; none if they would not cost less."""
-    same = FidelityRequest(sub_step_s=chosen.sub_step_s, pneumatics=chosen.pneumatics)
+    same = FidelityRequest(sub_step_s=chosen.sub_step_s, pneumatics=chosen.pneumatics, strains=chosen.strains)
     try:
         found = _candidates(table, AIR_CASES, allowed, same, None)
     except PlanError:  # not measured in the air
@@ -248,14 +263,15 @@ def _candidates(
         costing = [measured[case, each] for case in cases]
         pneumatics = each.pneumatics if request.pneumatics is None else REFERENCE_PNEUMATICS
         judging = [row for row in table.rows if row.scene in cases and _no_longer_step(row, each, pneumatics)]
-        found[each] = _expected(judging or costing, costing, table, allowed)
+        model_pct = table.model_error_pct(each.strains, loaded=cases != AIR_CASES)
+        found[each] = _expected(judging or costing, costing, table, allowed, model_pct)
     return found
 
 
 def _no_longer_step(row: Measured, fidelity: Fidelity, pneumatics: str | None) -> bool:
     """Whether a row differs from a fidelity in no more than a shorter step: a longer one is nearer by luck only."""
-    same = (row.tier, row.modes, row.pneumatics) == (fidelity.tier, fidelity.modes, pneumatics)
-    return same and row.step_s <= fidelity.sub_step_s
+    same = dataclasses.replace(row.fidelity, sub_step_s=fidelity.sub_step_s)
+    return same == dataclasses.replace(fidelity, pneumatics=pneumatics) and row.step_s <= fidelity.sub_step_s
 
 
 def _fitting(everywhere: Iterable[Fidelity], request: FidelityRequest, tick_s: float | None) -> list[Fidelity]:
@@ -276,6 +292,8 @@ def _values(fidelities: Iterable[Fidelity], part: str) -> list[object]:
 
 
 def _short(value: object) -> str:
+    if isinstance(value, tuple):
+        return "+".join(value)
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -286,12 +304,14 @@ def _goes_into(step_s: float, tick_s: float | None) -> bool:
     return count >= 1 and abs(count * step_s - tick_s) < 1e-6 * step_s
 
 
-def _expected(judging: list[Measured], costing: list[Measured], table: FidelityTable, allowed: Tolerance) -> Expected:
+def _expected(
+    judging: list[Measured], costing: list[Measured], table: FidelityTable, allowed: Tolerance, model_pct: float
+) -> Expected:
     def worst(error: Callable[[Measured], float | None], known: str) -> float:
         return max(max(error(row) or 0.0, table.reference.get(row.scene, {}).get(known, 0.0)) for row in judging)
 
-    static = worst(lambda row: row.static_error_pct, "static_pct")
-    transient = worst(lambda row: row.transient_error_pct, "transient_pct")
+    static = model_pct + worst(lambda row: row.static_error_pct, "static_pct")
+    transient = model_pct + worst(lambda row: row.transient_error_pct, "transient_pct")
     force = worst(lambda row: row.contact_force_error_pct, "contact_force_pct")
     return Expected(
         static_pct=static,
@@ -299,6 +319,7 @@ def _expected(judging: list[Measured], costing: list[Measured], table: FidelityT
         contact_force_pct=force,
         cpu_ms_per_s=sum(row.cpu_ms_per_s for row in costing) / len(costing),
         excess=max(static / allowed.static_pct, transient / allowed.transient_pct, force / allowed.contact_force_pct),
+        model_pct=model_pct,
     )
 
 
@@ -322,7 +343,7 @@ def _reason(part: str, chosen: Fidelity, candidates: dict[Fidelity, Expected], d
     for value in others:
         rivals = {each: expected for each, expected in candidates.items() if getattr(each, part) == value}
         expected = rivals[_best(rivals)]
-        name = f"{1e3 * value:g} ms" if isinstance(value, float) else str(value)
+        name = f"{1e3 * value:g} ms" if isinstance(value, float) else _short(value)
         told.append(f"not {name}: {expected}{', too far off' if expected.excess > 1.0 else ''}")
     return tuple(told)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +26,7 @@ _FULL_OPENING_PA = 2e4
 """Pressure error from which on a valve is fully open."""
 
 REFERENCE = Fidelity("rod", 6, 1e-4, "iso6358")
-_REFERENCE_CALLS_PER_TICK = 20
+_REFERENCE_CALLS_PER_TICK, _REFERENCE_STRAIN_MODES = 20, 4
 
 
 @dataclass(frozen=True)
@@ -86,12 +87,21 @@ def run(case: Case, fidelity: Fidelity, gripper: Gripper, calls_per_tick: int = 
     )
 
 
-def run_reference(case: Case, gripper: Gripper) -> Record:
-    """Run the converged reference of a case."""
-    return run(case, REFERENCE, gripper, _REFERENCE_CALLS_PER_TICK)
+def run_reference(case: Case, strains: Sequence[str], gripper: Gripper) -> Record:
+    """Run the converged reference of a case, of muscles with these strains."""
+    return run(case, _reference(strains, fewer=0), gripper, _REFERENCE_CALLS_PER_TICK)
 
 
-def run_coarser_reference(case: Case, gripper: Gripper) -> Record:
+def run_coarser_reference(case: Case, strains: Sequence[str], gripper: Gripper) -> Record:
     """Run a case with one mode less and steps twice as long; the change says how far the reference is converged."""
-    coarser = dataclasses.replace(REFERENCE, modes=REFERENCE.modes - 1, sub_step_s=2.0 * REFERENCE.sub_step_s)
-    return run(case, coarser, gripper, _REFERENCE_CALLS_PER_TICK // 2)
+    return run(case, _reference(strains, fewer=1), gripper, _REFERENCE_CALLS_PER_TICK // 2)
+
+
+def _reference(strains: Sequence[str], fewer: int) -> Fidelity:
+    return dataclasses.replace(
+        REFERENCE,
+        modes=REFERENCE.modes - fewer,
+        sub_step_s=(1.0 + fewer) * REFERENCE.sub_step_s,
+        twist_modes=_REFERENCE_STRAIN_MODES - fewer if "twist" in strains else 0,
+        stretch_modes=_REFERENCE_STRAIN_MODES - fewer if "stretch" in strains else 0,
+    )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
 from mbpam_ros.gripper import Gripper
-from mbpam_ros.plant.fidelity import Fidelity, Measured
+from mbpam_ros.plant.fidelity import STRETCH_MODES, TWIST_MODES, Fidelity, Measured
 from mbpam_ros.plant.tiers.base import PlantDivergedError
 from mbpam_ros.study.fidelity.boundary_value import boundary_value_error_pct
 from mbpam_ros.study.fidelity.cases import Case
@@ -22,22 +22,32 @@ from mbpam_ros.terminal import Progress
 PNEUMATICS = ("ideal", "lag", "iso6358")
 STEPS_S = (0.0005, 0.001, 0.002, 0.005, 0.01)
 MODES = (2, 3, 4, 5)
+STRAIN_MODES = ((0, 0), (0, STRETCH_MODES), (TWIST_MODES, STRETCH_MODES))
+"""Modes of twist and stretch of a rod that bends, that stretches too, and that does all."""
 QUICK_CASES = ("free_bend", "lift")
 
 
 def fidelities(
-    steps_s: Sequence[float] = STEPS_S, modes: Sequence[int] = MODES, pneumatics: Sequence[str] = PNEUMATICS
+    steps_s: Sequence[float] = STEPS_S,
+    modes: Sequence[int] = MODES,
+    pneumatics: Sequence[str] = PNEUMATICS,
+    strain_modes: Sequence[tuple[int, int]] = STRAIN_MODES,
 ) -> tuple[Fidelity, ...]:
     """Return all fidelities of a grid; ``static``, exact at any step, is there once."""
-    muscles = [("static", 1, TICK_S)]
-    muscles += [("arc", 1, step) for step in steps_s]
-    muscles += [("rod", count, step) for count in modes for step in steps_s]
-    return tuple(Fidelity(*muscle, model) for muscle in muscles for model in pneumatics)
+    muscles = [Fidelity("static", 1, TICK_S)]
+    muscles += [Fidelity("arc", 1, step) for step in steps_s]
+    muscles += [
+        Fidelity("rod", count, step, twist_modes=twist, stretch_modes=stretch)
+        for twist, stretch in strain_modes
+        for count in modes
+        for step in steps_s
+    ]
+    return tuple(dataclasses.replace(muscle, pneumatics=model) for muscle in muscles for model in pneumatics)
 
 
 def quick_fidelities() -> tuple[Fidelity, ...]:
     """Return a few fidelities that differ much."""
-    return fidelities(steps_s=(0.002, 0.005), modes=(2, 3), pneumatics=("lag", "iso6358"))
+    return fidelities((0.002, 0.005), (2, 3), ("lag", "iso6358"), STRAIN_MODES[:1])
 
 
 def can_run(case: Case, fidelity: Fidelity) -> bool:
@@ -87,29 +97,31 @@ Reference: TypeAlias = tuple[Record, dict[str, float]]
 """A converged run, and how far it is converged."""
 
 
-def reference_of(case: Case, gripper: Gripper, coarse: bool) -> Reference:
-    """Return the reference of a case with its check, which is empty for the coarser one.
+def reference_of(case: Case, strains: tuple[str, ...], gripper: Gripper, coarse: bool) -> Reference:
+    """Return the reference of a case for these strains with its check, which is empty for the coarser one.
 
     Raises:
         BoundaryValueError: the problem that it is checked against was not solved.
     """
     if coarse:
-        return run_coarser_reference(case, gripper), {}
-    reference = run_reference(case, gripper)
-    return reference, reference_check(case, reference, gripper)
+        return run_coarser_reference(case, strains, gripper), {}
+    reference = run_reference(case, strains, gripper)
+    return reference, reference_check(case, strains, reference, gripper)
 
 
-def reference_check(case: Case, reference: Record, gripper: Gripper) -> dict[str, float]:
+def reference_check(case: Case, strains: tuple[str, ...], reference: Record, gripper: Gripper) -> dict[str, float]:
     """Return how far the reference of a case is converged, and how far it is off the boundary-value problem [%].
+
+    That problem is solved for muscles that only bend.
 
     Raises:
         BoundaryValueError: that problem was not solved.
     """
-    off = errors(case, run_coarser_reference(case, gripper), reference, gripper.geometry.active_length_m)
+    off = errors(case, run_coarser_reference(case, strains, gripper), reference, gripper.geometry.active_length_m)
     check = {"static_pct": off.static_pct, "transient_pct": off.transient_pct}
     if off.contact_force_pct is not None:
         check["contact_force_pct"] = off.contact_force_pct
-    else:
+    elif strains == ("bend",):
         check["boundary_value_pct"] = boundary_value_error_pct(case, reference, gripper)
     return check
 
@@ -150,9 +162,9 @@ def measure(
     """
     runs = trade.runs()
     unfinished = {
-        case.name: (case, gripper, trade.coarse)
-        for case in trade.cases
-        if any(each.case is case and name not in results.rows for name, each in runs.items())
+        _reference_name(each): (each.case, each.fidelity.strains, gripper, trade.coarse)
+        for name, each in runs.items()
+        if name not in results.rows
     }
     for name in unfinished:
         progress.say(f"{name}: reference")
@@ -163,12 +175,13 @@ def measure(
         if figures:
             progress.say(f"{name}: reference converged to {', '.join(figures)}")
     jobs = {
-        name: (name, each.case, each.fidelity, trade.fidelities(each.case)[-1], references.get(each.case.name), gripper)
+        name: (name, *each, trade.fidelities(each.case)[-1], references.get(_reference_name(each)), gripper)
         for name, each in runs.items()
     }
     failures = run_jobs(jobs, run_row, results, executor, progress, _text, failing=(PlantDivergedError,))
     results.write(list(jobs), failures=failures)
-    rows, checks = [], {}
+    rows: list[Measured] = []
+    checks: dict[str, dict[str, float]] = {case.name: {} for case in trade.cases}
     for case in trade.cases:
         for fidelity in trade.fidelities(case):
             found = [
@@ -178,7 +191,8 @@ def measure(
             ]
             if found:
                 rows.append(_row(case, fidelity, found))
-                checks[case.name] = found[0]["check"]
+                for what, value in found[0]["check"].items():
+                    checks[case.name][what] = max(value, checks[case.name].get(what, 0.0))
     return rows, {name: check for name, check in checks.items() if check}
 
 
@@ -187,13 +201,17 @@ def row_values(row: Measured) -> dict[str, str | float]:
     return {
         name: float(f"{value:.4g}") if isinstance(value, float) else value
         for name, value in dataclasses.asdict(row).items()
-        if value is not None
+        if value is not None and not (name in ("twist_modes", "stretch_modes") and value == 0)
     }
 
 
 def _name(case: Case, fidelity: Fidelity) -> str:
-    step_ms = 1e3 * fidelity.sub_step_s
-    return f"{case.name}: {fidelity.tier} {fidelity.modes}, {step_ms:g} ms, {fidelity.pneumatics}"
+    step_ms, besides = 1e3 * fidelity.sub_step_s, "".join(f" and {strain}" for strain in fidelity.strains[1:])
+    return f"{case.name}: {fidelity.tier} {fidelity.modes}{besides}, {step_ms:g} ms, {fidelity.pneumatics}"
+
+
+def _reference_name(each: Run) -> str:
+    return ", ".join((each.case.name, *each.fidelity.strains[1:]))
 
 
 def _text(row: dict) -> str:
@@ -217,4 +235,6 @@ def _row(case: Case, fidelity: Fidelity, runs: Sequence[dict]) -> Measured:
         pressure_error_pct=off.pressure_pct,
         cpu_ms_per_s=statistics.median(each["cpu_ms_per_s"] for each in runs),
         contact_force_error_pct=off.contact_force_pct,
+        twist_modes=fidelity.twist_modes,
+        stretch_modes=fidelity.stretch_modes,
     )

@@ -8,7 +8,15 @@ import yaml
 
 from mbpam_ros.configuration import ConfigError, load_yaml
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.fidelity import Fidelity, FidelityRequest, FidelityTable, Measured, Tolerance, load_fidelity_table
+from mbpam_ros.plant.fidelity import (
+    Fidelity,
+    FidelityRequest,
+    FidelityTable,
+    Measured,
+    ModelError,
+    Tolerance,
+    load_fidelity_table,
+)
 from mbpam_ros.plant.planner import (
     AIR_CASES,
     GRASP_CASES,
@@ -61,6 +69,54 @@ def planned(scene, static=5.0, transient=None, force=None, reference=None, tick_
 def measured(fidelity):
     """What the rows of the table are told apart by."""
     return fidelity.tier, fidelity.modes, fidelity.sub_step_s, fidelity.pneumatics
+
+
+ALL = ("bend", "twist", "stretch")
+MODEL_ERRORS = (
+    ModelError(("bend",), 10.0, 14.0),
+    ModelError(("bend", "stretch"), 1.0, 12.0),
+    ModelError(ALL, 1.0, 2.0),
+)
+
+
+def with_strains():
+    """A table in which two more strains cost half as much again each, and models have errors."""
+    plain = table()
+    rods = [row for row in plain.rows if row.tier == "rod"]
+    more = [
+        dataclasses.replace(row, twist_modes=twist, stretch_modes=2, cpu_ms_per_s=(2 + twist) * row.cpu_ms_per_s)
+        for row in rods
+        for twist in (0, 2)
+    ]
+    return dataclasses.replace(plain, rows=(*plain.rows, *more), model_errors=MODEL_ERRORS)
+
+
+@pytest.mark.parametrize(
+    ("scene", "static_pct", "strains"),
+    [
+        (EMPTY, 15.0, ("bend",)),
+        (EMPTY, 5.0, ("bend", "stretch")),
+        (BULB, 15.0, ("bend",)),
+        (BULB, 5.0, ALL),
+    ],
+)
+def test_strains_are_chosen_so_that_the_errors_of_model_and_solution_together_are_within_the_tolerance(
+    scene, static_pct, strains
+):
+    request = FidelityRequest(tolerance=Tolerance(static_pct, static_pct, 20.0))
+    found = plan(scene, LENGTH_M, with_strains(), request)
+    assert found.within_tolerance
+    assert found.fidelity.strains == strains
+    assert found.expected.model_pct > 0.0
+    assert "of them the model's" in str(found)
+
+
+def test_strains_that_are_forced_are_kept_and_what_they_cost_in_accuracy_is_said():
+    request = FidelityRequest(tolerance=Tolerance(5.0, 5.0, 20.0), strains=("bend",))
+    found = plan(BULB, LENGTH_M, with_strains(), request)
+    assert found.fidelity.strains == ("bend",)
+    assert not found.within_tolerance
+    assert found.expected.static_pct == pytest.approx(14.0 + 0.5, abs=0.4)
 
 
 @pytest.mark.parametrize(

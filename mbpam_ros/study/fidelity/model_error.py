@@ -1,0 +1,48 @@
+"""How far the equations of a rod are off the muscle: converged rods beside the whole muscle in finite elements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from mbpam_ros.actuator.design import MuscleGeometry
+from mbpam_ros.actuator.rod_law import RodLaw
+from mbpam_ros.configuration import ConfigError, config_path
+from mbpam_ros.plant.fidelity import STRAINS, ModelError
+from mbpam_ros.study.muscle_states import RodModel, compared, read_states
+
+STATES_FILE = "data/fe_muscle_states.json"
+"""The whole muscle's states in the configuration directory, from ``mbpam fe states``."""
+
+STRAIN_SETS = (("bend",), ("bend", "stretch"), STRAINS)
+
+
+def states_file() -> Path | None:
+    """Return the file of the whole muscle's states; none where the configuration has none."""
+    try:
+        return config_path(STATES_FILE)
+    except ConfigError:
+        return None
+
+
+def model_errors(states: Path, law: RodLaw, geometry: MuscleGeometry) -> tuple[ModelError, ...]:
+    """Return how far rods with rigid ends, as the plant's, are off in the states of a file, for each set of strains.
+
+    Args:
+        states: a file of ``mbpam fe states``.
+        law: of the rods: the finite elements', of the same mesh.
+        geometry: of the muscle.
+
+    Raises:
+        MuscleStateError: the file cannot be read.
+        StrainLawError: the law says nothing of a strain.
+        RodSolutionError: a rod has no equilibrium in a state.
+    """
+    rows = read_states(states)
+    return tuple(_model_error(rows, strains, law, geometry) for strains in STRAIN_SETS)
+
+
+def _model_error(rows: Sequence[dict], strains: tuple[str, ...], law: RodLaw, geometry: MuscleGeometry) -> ModelError:
+    found = compared(rows, RodModel(law, geometry, strains))
+    free = [each["tip_error_pct"] for each in found if each["kind"] == "free"]
+    return ModelError(strains, max(free, default=0.0), max(each["tip_error_pct"] for each in found))
