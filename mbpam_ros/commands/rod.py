@@ -53,7 +53,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--law", choices=LAWS, default="config", help="default: config")
     parser.add_argument(
-        "--ends", choices=ENDS, default="rigid", help="rigid, as in the plant, or solid silicone (default: rigid)"
+        "--ends",
+        choices=ENDS,
+        default="silicone",
+        help="solid silicone, as the finite elements', or rigid, as the plant's (default: silicone)",
     )
     parser.add_argument("--gripper", default="gripper.yaml", metavar="YAML", help="the muscle (default: gripper.yaml)")
     parser.add_argument(
