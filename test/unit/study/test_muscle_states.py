@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from mbpam_ros.actuator.elastic_rod import STRAINS, RodLoads, rod_at_rest, rod_section
+from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.actuator.rod_law import RodLaw, StrainLaw
 from mbpam_ros.commands.mbpam import main
+from mbpam_ros.configuration import config_path
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.study.muscle_states import (
     MuscleState,
@@ -178,3 +180,20 @@ def test_ends_of_silicone_yield_under_a_force_on_the_tip_and_hardly_without(tmp_
         assert result["ends"] == ends
         tips.append(result["tip_position_mm"][0])
     assert 1.08 < tips[1] / tips[0] < 1.15
+
+
+def test_the_law_may_come_from_another_file(tmp_path, capsys):
+    stiffer = json.loads(config_path(LAW_FILE).read_text())
+    for row in stiffer["tables"]:
+        row["moment_n_mm"] = [2.0 * moment for moment in row["moment_n_mm"]]
+    path = tmp_path / "law.json"
+    path.write_text(json.dumps(stiffer))
+    angles = []
+    for law_name in ("config", str(path)):
+        out = tmp_path / "out.json"
+        arguments = ["rod", "--law", law_name, "--gravity", "0,0,0", "--strains", "bend", "--tip-force", "0,0.02,0"]
+        assert main([*arguments, "--json", str(out)]) == 0
+        angles.append(json.loads(out.read_text())["tip_position_mm"][1])
+    assert angles[1] < 0.7 * angles[0]
+    assert main(["rod", "--law", str(tmp_path / "absent.json"), "--strains", "bend"]) == 1
+    assert "absent.json: no such file" in capsys.readouterr().err
