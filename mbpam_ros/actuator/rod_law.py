@@ -41,8 +41,8 @@ vector along the bend), log EA and log GJ are sums over the chambers,
 
 for c with n_i before the bracket and sqrt(2) for the 2 of the gain g. Again PSC and PDC come back exactly, turns and
 mirrors of the pressures turn and mirror c and change nothing of the others, and all is continuous. Sums of logarithms
-keep EA and GJ positive for all pressures. Against the unequal sets, epsilon_0 is off by at most 4 % of it, but by 13 %
-for all four chambers at 100 kPa (0.390 instead of 0.346; 10 % at 80 kPa); what an opposite chamber would add as a
+keep EA and GJ positive for all pressures. Against the unequal sets, epsilon_0 is off by at most 4.5 % of it, but by
+13 % for all four chambers at 100 kPa (0.390 instead of 0.346; 10 % at 80 kPa); what an opposite chamber would add as a
 neighbour does makes these worse (6 to 9 % for the two of one diagonal). For EA and GJ there are no unequal sets.
 """
 

@@ -4,11 +4,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mbpam_ros.actuator.calibration import Calibration, calibrate
+from mbpam_ros.actuator.calibration import calibrate
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT
 from mbpam_ros.actuator.elastic_rod import STRAINS, RodLoads, rod_at_rest, rod_section
 from mbpam_ros.actuator.metamodel import load_metamodel
-from mbpam_ros.actuator.rod_law import StrainLaw
 from mbpam_ros.configuration import load_config
 from mbpam_ros.estimation.estimator import BendEstimator, EstimatorConfig
 from mbpam_ros.gripper import load_gripper
@@ -95,20 +94,7 @@ def test_fingers_do_not_influence_each_other(pressure):
     )
 
 
-def stretching_calibration():
-    """The gripper's, with a stretch and stiffnesses of the size that the finite elements have."""
-    found = calibrate(GRIPPER.design, GRIPPER.geometry, GRIPPER.metamodel, GRIPPER.target)
-    rise = np.minimum(found.law.pressure_gauge_pa / 1e5, 1.2) ** 3
-    strains = {
-        f"{pattern}_strains": StrainLaw(
-            size * 0.16 * rise, -size * 1.5e-3 * rise, 30.0 - 5.0 * rise, 9e-4 + 1e-4 * rise
-        )
-        for pattern, size in (("psc", 0.5), ("pdc", 1.0))
-    }
-    return Calibration(dataclasses.replace(found.law, **strains), found.tip_force)
-
-
-CALIBRATION = stretching_calibration()
+CALIBRATION = calibrate(GRIPPER.design, GRIPPER.geometry, GRIPPER.metamodel, GRIPPER.target)
 POSTURES = (
     st.tuples(*[st.floats(-1.0, 1.0)] * 3)
     .filter(lambda vector: np.linalg.norm(vector) > 0.1)
