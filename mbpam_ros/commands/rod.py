@@ -3,6 +3,7 @@
     mbpam rod --pattern pdc --pressure-kpa 100 --tip-force 0,0.05,0 --gravity 0,0,9.81 --json FILE
     mbpam rod --states fe_muscle_states.json --json FILE     beside finite elements, state by state
     mbpam rod --strains bend                                 a rod that cannot stretch or twist
+    mbpam rod --bending line --ends rigid                    the plant's rod
 
 Frame: origin at the clamp, z toward the tip of the straight muscle, the cross's arms along x and y. The same arguments
 and keys as "mbpam fe muscle". The law is by default that of finite elements in the configuration (config). --law
@@ -20,7 +21,7 @@ from typing import Any
 
 from mbpam_ros.actuator.bending_law import stored_shear_modulus_pa
 from mbpam_ros.actuator.calibration import calibrated_rod_law
-from mbpam_ros.actuator.elastic_rod import RIGID, STRAINS, check_strains, solid_end
+from mbpam_ros.actuator.elastic_rod import BENDINGS, RIGID, STRAINS, check_strains, solid_end
 from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.actuator.rod_law import RodLaw, finite_element_rod_law
 from mbpam_ros.commands.muscle_state import add_muscle_state, muscle_state
@@ -54,6 +55,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--law", default="config", metavar="LAW", help="config, calibrated or a file (default: config)")
     parser.add_argument(
+        "--bending",
+        choices=BENDINGS,
+        default="curve",
+        help="how the moment follows the curvature: as the finite elements', or as the plant's line (default: curve)",
+    )
+    parser.add_argument(
         "--ends",
         choices=ENDS,
         default="silicone",
@@ -73,11 +80,12 @@ def run(options: argparse.Namespace) -> int:
     if options.mass_per_length is not None:
         geometry = replace(geometry, mass_per_length_kg_m=options.mass_per_length)
     ends = RIGID if options.ends == "rigid" else solid_end(stored_shear_modulus_pa(_file(options.law)), geometry)
-    model = RodModel(_law(options.law, gripper), geometry, options.strains, ends)
+    model = RodModel(_law(options.law, gripper), geometry, options.strains, ends, options.bending)
     told: dict[str, Any] = {
         "strains": list(options.strains),
         "law": options.law,
         "ends": options.ends,
+        "bending": options.bending,
         "active_length_mm": 1e3 * geometry.active_length_m,
         "end_length_mm": 1e3 * geometry.end_length_m,
         "mass_per_length_kg_m": geometry.mass_per_length_kg_m,

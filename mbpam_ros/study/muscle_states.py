@@ -118,12 +118,14 @@ class RodModel:
         geometry: of the muscle.
         strains: what the active part may do.
         ends: section of the two ends.
+        bending: how the active part's moment follows its curvature, ``line`` or ``curve``.
     """
 
     law: RodLaw
     geometry: MuscleGeometry
     strains: tuple[str, ...]
     ends: RodSection = RIGID
+    bending: str = "line"
 
 
 def rod_answer(state: MuscleState, model: RodModel) -> dict[str, Any]:
@@ -134,7 +136,7 @@ def rod_answer(state: MuscleState, model: RodModel) -> dict[str, Any]:
         StrainLawError: the law says nothing of a strain.
         RodSolutionError: the rod has no equilibrium there.
     """
-    section = rod_section(model.law, state.pressure_gauge_pa, model.strains)
+    section = rod_section(model.law, state.pressure_gauge_pa, model.strains, model.bending)
     rod = rod_at_rest(section, model.geometry, state.loads(), ends=model.ends)
     return {
         **{name: list(value) if isinstance(value, tuple) else value for name, value in asdict(state).items()},

@@ -191,8 +191,8 @@ def test_the_law_may_come_from_another_file(tmp_path, capsys):
     angles = []
     for law_name in ("config", str(path)):
         out = tmp_path / "out.json"
-        arguments = ["rod", "--law", law_name, "--gravity", "0,0,0", "--strains", "bend", "--tip-force", "0,0.02,0"]
-        assert main([*arguments, "--json", str(out)]) == 0
+        arguments = ["rod", "--law", law_name, "--gravity", "0,0,0", "--strains", "bend", "--bending", "line"]
+        assert main([*arguments, "--tip-force", "0,0.02,0", "--json", str(out)]) == 0
         angles.append(json.loads(out.read_text())["tip_position_mm"][1])
     assert angles[1] < 0.7 * angles[0]
     assert main(["rod", "--law", str(tmp_path / "absent.json"), "--strains", "bend"]) == 1
