@@ -77,12 +77,12 @@ def _face_tensor(nodes: int) -> NDArray[np.float64]:
     points, weights = leggauss(4)
     tensor = np.zeros((nodes, nodes, nodes))
     for (s, ws), (t, wt) in itertools.product(zip(points, weights, strict=True), repeat=2):
-        shape, slope_s, slope_t = _face_shape(s, t, nodes)
+        shape, slope_s, slope_t = face_shape(s, t, nodes)
         tensor += ws * wt / 3.0 * np.einsum("a,b,c->abc", shape, slope_s, slope_t)
     return tensor
 
 
-def _face_shape(s: float, t: float, nodes: int) -> tuple[NDArray, NDArray, NDArray]:
+def face_shape(s: float, t: float, nodes: int) -> tuple[NDArray, NDArray, NDArray]:
     """Bilinear or serendipity shape functions on the square -1..1 and their slopes."""
     corner_s, corner_t = np.array([-1.0, 1.0, 1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0])
     u, v = 1.0 + s * corner_s, 1.0 + t * corner_t

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,13 @@ from mbpam_ros.errors import MbpamError
 
 LinearSolver = Callable[[csr_matrix, NDArray[np.float64]], NDArray[np.float64]]
 Residual = Callable[[NDArray[np.float64], float], NDArray[np.float64]]
-Tangent = Callable[[NDArray[np.float64], float], csr_matrix]
+Tangent = Callable[[NDArray[np.float64], float], "csr_matrix | UpdatedMatrix"]
 Accept = Callable[[NDArray[np.float64], float], bool]
 Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 SOLVERS = ("pardiso", "superlu")
 _ROUNDING = 1e-9
+_ALL_PHASES, _NUMBERS_AND_SOLUTION = 13, 23  # of Pardiso: analysis, factorisation, solution
 
 
 class LoadStepError(MbpamError, RuntimeError):
@@ -32,6 +34,27 @@ class LoadStepError(MbpamError, RuntimeError):
 
     def __str__(self) -> str:
         return self.args[0]
+
+
+@dataclass(frozen=True, eq=False)
+class UpdatedMatrix:
+    """A sparse matrix minus one of low rank, K - U V^T: a load that follows the body makes such a tangent.
+
+    Args:
+        matrix: K, shape (n, n).
+        left, right: U and V, shape (n, k).
+    """
+
+    matrix: csr_matrix
+    left: NDArray[np.float64]
+    right: NDArray[np.float64]
+
+    def solve(self, solve: LinearSolver, right: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the solution for a right-hand side (n,), with one factorisation of K (Sherman, Morrison, Woodbury)."""
+        solved = solve(self.matrix, np.column_stack([right, self.left]))
+        plain, columns = solved[:, 0], solved[:, 1:]
+        inner = np.eye(columns.shape[1]) - self.right.T @ columns
+        return plain + columns @ np.linalg.solve(inner, self.right.T @ plain)
 
 
 def linear_solver(name: str | None = None, symmetric: bool = True) -> LinearSolver:
@@ -55,8 +78,24 @@ def linear_solver(name: str | None = None, symmetric: bool = True) -> LinearSolv
     if not symmetric:
         general = pypardiso.PyPardisoSolver(mtype=11)
         return lambda matrix, right: general.solve(matrix.sorted_indices(), right)
-    solver = pypardiso.PyPardisoSolver(mtype=-2)  # symmetric, indefinite: it wants the upper triangle
-    return lambda matrix, right: solver.solve(triu(matrix, format="csr").sorted_indices(), right)
+    return _SymmetricPardiso(pypardiso)
+
+
+class _SymmetricPardiso:
+    """Pardiso for symmetric indefinite matrices; a pattern like the last one's is not analysed again."""
+
+    def __init__(self, pypardiso: ModuleType) -> None:
+        self._solver = pypardiso.PyPardisoSolver(mtype=-2)  # it wants the upper triangle
+        self._pattern: tuple[NDArray, NDArray] | None = None
+
+    def __call__(self, matrix: csr_matrix, right: NDArray[np.float64]) -> NDArray[np.float64]:
+        upper = triu(matrix, format="csr")
+        upper.sort_indices()
+        pattern = upper.indptr, upper.indices
+        known = self._pattern is not None and all(map(np.array_equal, pattern, self._pattern))
+        self._pattern = pattern
+        self._solver.set_phase(_NUMBERS_AND_SOLUTION if known else _ALL_PHASES)
+        return self._solver._call_pardiso(upper, np.asfortranarray(right))
 
 
 def _superlu(matrix: csr_matrix, right: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -195,7 +234,9 @@ def _newton(
                 raise _NoEquilibriumError("an element turned inside out")
             if np.abs(force).max() < control.residual_n:
                 return unknowns, iteration
-            step = solve(tangent(unknowns, load), -force)
+            matrix = tangent(unknowns, load)
+            updated = isinstance(matrix, UpdatedMatrix)
+            step = matrix.solve(solve, -force) if updated else solve(matrix, -force)
         if not np.all(np.isfinite(step)):
             raise _NoEquilibriumError("the tangent is singular")
         unknowns = chart.moved(unknowns, step) if chart else unknowns + step

@@ -93,7 +93,9 @@ def test_a_muscle_that_does_not_end_in_a_crest_is_refused_and_so_is_a_mesh_that_
         muscle_mesh(CellGeometry(wave_count=2.5), SMALL, "pdc")
     with pytest.raises(CellGeometryError, match="filling a cap"):
         muscle_mesh(GEOMETRY, Resolution(spoke=1), "pdc")
-    with pytest.raises(ValueError, match="pdc, psc"):
+    with pytest.raises(CellGeometryError, match="cuts the core's quarters"):
+        muscle_mesh(GEOMETRY, Resolution(arm=1), "psc")
+    with pytest.raises(ValueError, match="pdc, psc, full"):
         muscle_mesh(GEOMETRY, SMALL, "all")
 
 
