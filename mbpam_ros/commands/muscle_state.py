@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 
 from mbpam_ros.actuator.elastic_rod import HANGING
 from mbpam_ros.study.muscle_states import PATTERN_SHARES, MuscleState
@@ -10,6 +11,7 @@ from mbpam_ros.study.muscle_states import PATTERN_SHARES, MuscleState
 
 def add_muscle_state(parser: argparse.ArgumentParser) -> None:
     """Add pressures, loads on the tip and gravity."""
+    parser._negative_number_matcher = re.compile(r"^-[\d.]")  # else argparse takes "-0.1,0,0" for an option
     parser.add_argument(
         "--pattern",
         choices=PATTERN_SHARES,
@@ -22,7 +24,7 @@ def add_muscle_state(parser: argparse.ArgumentParser) -> None:
         type=_vector,
         default=(0.0, 0.0, 0.0),
         metavar="FX,FY,FZ",
-        help="dead force on the tip [N] (default: none); write --tip-force=-0.1,0,0",
+        help="dead force on the tip [N] (default: none)",
     )
     parser.add_argument(
         "--tip-torque", type=float, default=0.0, metavar="T", help="about the tip's direction [N mm] (default: none)"

@@ -13,15 +13,9 @@ from numpy.typing import NDArray
 
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.errors import MbpamError
+from mbpam_ros.study.muscle_states import PATTERN_SHARES
 
 Vector = tuple[float, float, float]
-
-PATTERN_SHARES = {
-    "pdc": (1.0, 0.0, 0.0, 1.0),
-    "psc": (1.0, 0.0, 0.0, 0.0),
-    "half": (1.0, 0.5, 0.0, 0.0),
-}
-"""Pressures of chambers 1 to 4 over the given one."""
 
 NOTHING: Vector = (0.0, 0.0, 0.0)
 HANGING: Vector = (0.0, 0.0, GRAVITY_M_S2)

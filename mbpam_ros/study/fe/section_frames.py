@@ -42,15 +42,15 @@ class SectionFrames:
         """Return the mean of each plane's nodes, shape (planes, 3)."""
         return self._means(x)
 
-    def tip_angle_rad(self, x: NDArray[np.float64]) -> float:
-        """Return the angle between z and the last plane's normal, never negative.
+    def angle_rad(self, x: NDArray[np.float64], direction: NDArray[np.float64]) -> float:
+        """Return the angle between z and a direction near the last plane's normal, never negative.
 
         Continuous beyond half a turn if the body bends in a plane: it is followed from the base in the plane of z and
-        the last normal.
+        the direction.
         """
-        normals = self.rotations(x)[:, :, 2]
-        sideways = np.hypot(*normals[-1, :2])
-        azimuth = normals[-1, :2] / sideways if sideways > 0.0 else np.array([1.0, 0.0])
+        normals = np.concatenate([self.rotations(x)[:, :, 2], direction[None]])
+        sideways = np.hypot(*direction[:2])
+        azimuth = direction[:2] / sideways if sideways > 0.0 else np.array([1.0, 0.0])
         return float(abs(np.unwrap(np.arctan2(normals[:, :2] @ azimuth, normals[:, 2]))[-1]))
 
     def coordinates(self, x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -289,13 +289,13 @@ class WholeMuscle:
             )
 
     def _state(self, x: NDArray[np.float64], loads: MuscleLoads, memory: ContactMemory | None) -> MuscleState:
-        push = np.zeros(3)
+        push, tip = np.zeros(3), self._tip.pose(x)
         if memory is not None and self._contact is not None:
             push = -self._whole(self._contact.pushes_n(x, memory).sum(axis=0))
         return MuscleState(
             loads=loads,
-            tip=self._tip.pose(x),
-            tip_angle_rad=self.frames.tip_angle_rad(x),
+            tip=tip,
+            tip_angle_rad=self.frames.angle_rad(x, tip.direction),
             gas_volume_mm3=self._parts * self._volume_under_pressure_mm3(x, loads),
             plate_force_n=push,
             positions_mm=x,

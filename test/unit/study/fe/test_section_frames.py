@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -27,10 +29,11 @@ def test_coordinates_and_positions_undo_each_other(points, mirrored):
     assert frames.positions_mm(frames.coordinates(x)) == pytest.approx(x, abs=1e-12)
 
 
-def test_the_tips_angle_goes_on_beyond_half_a_turn_in_any_plane():
-    assert FRAMES.tip_angle_rad(POINTS) == 0.0
+def test_the_angle_goes_on_beyond_half_a_turn_in_any_plane():
+    assert FRAMES.angle_rad(POINTS, np.array([0.0, 0.0, 1.0])) == 0.0
     for bend in (0.5, 3.5, 4.0):
-        assert FRAMES.tip_angle_rad(helix((0.6 * bend, -0.8 * bend, 0.0))) == pytest.approx(bend, abs=1e-9)
+        direction = np.array([-0.8 * math.sin(bend), -0.6 * math.sin(bend), math.cos(bend)])
+        assert FRAMES.angle_rad(helix((0.6 * bend, -0.8 * bend, 0.0)), direction) == pytest.approx(bend, abs=1e-9)
 
 
 def test_half_a_body_has_the_frames_of_the_whole():
