@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from mbpam_ros.errors import MbpamError
+from mbpam_ros.study.fe.section_stiffness import SectionStiffness, section_stiffness
 from mbpam_ros.study.fe.unit_cell import CellState, UnitCell
 
 
@@ -63,6 +64,10 @@ class BendingLaw:
     def gas_volume_mm3(self) -> NDArray[np.float64]:
         """Volume of all pressurised chambers over the active length, at the sampled bends."""
         return np.array([state.gas_volume_mm3 for state in self._states]) * self._cell.angle_per_muscle
+
+    def section_stiffness(self) -> list[SectionStiffness]:
+        """Return the section's stiffness at the sampled bends."""
+        return [section_stiffness(self._cell, state) for state in self._states]
 
     def add(self, bend_rad: float) -> None:
         """Sample one more bend, starting from the nearest sample.

@@ -1,4 +1,7 @@
-"""Table of the bending law M(p, kappa) of one design, for PDC and PSC: what the rod's law is made from."""
+"""Table of the bending law M(p, kappa) of one design, for PDC and PSC: what the rod's law is made from.
+
+With it, the stretch of the axis and the section's stiffness: EA and GJ (:mod:`~mbpam_ros.study.fe.section_stiffness`).
+"""
 
 from __future__ import annotations
 
@@ -20,9 +23,17 @@ from mbpam_ros.terminal import Progress
 BENDS_DEG = tuple(range(-60, 181, 30))
 PRESSURES_KPA = tuple(range(0, 121, 10))
 
+STIFFNESSES = {
+    "axial_stiffness_n": "axial_n",
+    "torsion_stiffness_n_mm2": "torsion_n_mm2",
+    "bend_stiffness_n_mm2": "bend_n_mm2",
+    "side_bend_stiffness_n_mm2": "side_bend_n_mm2",
+}
+"""Columns of the table, and what they are of :class:`~mbpam_ros.study.fe.section_stiffness.SectionStiffness`."""
+
 
 def law_at_pressure(run: Run, pressure_kpa: float, bends_deg: Sequence[float]) -> dict[str, object]:
-    """Return moment, stretch and gas volume of the active length at one pressure, held at each bend.
+    """Return moment, stretch, gas volume and stiffness of the active length at one pressure, held at each bend.
 
     Bends that have no equilibrium are left out, with the reason under ``missing``.
     """
@@ -37,6 +48,7 @@ def law_at_pressure(run: Run, pressure_kpa: float, bends_deg: Sequence[float]) -
                 missing.append({"bend_deg": bend, "reason": str(error)})
                 break
     moment, bend_rad = law.moment_n_mm, law.bend_rad
+    stiffness = law.section_stiffness()
     slope, offset = np.polyfit(bend_rad, moment, 1) if bend_rad.size > 1 else (math.nan, moment[0])
     straight = float(np.interp(0.0, bend_rad, moment))
     return {
@@ -46,6 +58,7 @@ def law_at_pressure(run: Run, pressure_kpa: float, bends_deg: Sequence[float]) -
         "moment_n_mm": moment.tolist(),
         "axis_stretch": law.axis_stretch.tolist(),
         "gas_volume_mm3": law.gas_volume_mm3.tolist(),
+        **{column: [getattr(here, name) for here in stiffness] for column, name in STIFFNESSES.items()},
         "straight_moment_n_mm": -straight,
         "line_stiffness_n_mm2": float(slope) * run.geometry.active_length_mm,
         "line_moment_n_mm": -float(offset),
@@ -55,15 +68,16 @@ def law_at_pressure(run: Run, pressure_kpa: float, bends_deg: Sequence[float]) -
 
 
 def law_table(run: Run, path: Path, executor: Executor, progress: Progress) -> dict:
-    """Return M, V and stretch over pressure and bend for PDC and PSC, with the straight line through each.
+    """Return M, V, stretch and stiffness over pressure and bend for PDC and PSC, with the straight line through each.
 
-    ``path`` is kept up to date; pressures that it holds from the same settings are not run again.
+    ``path`` is kept up to date; pressures that it holds whole from the same settings are not run again.
 
     Raises:
         ResultFileError: ``path`` is no law of this command.
     """
     wanted = {**settings(run), "design": {"a_mm": run.geometry.a_mm, "b_mm": run.geometry.b_mm}}
     results = ResultFile(path, wanted, "tables", _name)
+    results.rows = {name: row for name, row in results.rows.items() if STIFFNESSES.keys() <= row.keys()}
     jobs = {}
     for pattern in PATTERNS:
         for pressure in PRESSURES_KPA:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
@@ -22,7 +23,7 @@ Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 SOLVERS = ("pardiso", "superlu")
 _ROUNDING = 1e-9
-_ALL_PHASES, _NUMBERS_AND_SOLUTION = 13, 23  # of Pardiso: analysis, factorisation, solution
+_FACTORISE_AND_SOLVE = 23  # Pardiso's phases, without the first: the analysis of the pattern
 
 
 class LoadStepError(MbpamError, RuntimeError):
@@ -82,20 +83,32 @@ def linear_solver(name: str | None = None, symmetric: bool = True) -> LinearSolv
 
 
 class _SymmetricPardiso:
-    """Pardiso for symmetric indefinite matrices; a pattern like the last one's is not analysed again."""
+    """Pardiso for symmetric, indefinite matrices.
+
+    The order of elimination, two thirds of the work, depends on the pattern alone and is kept until that changes.
+    (Pardiso looks at the values, too, for general matrices.)
+    """
 
     def __init__(self, pypardiso: ModuleType) -> None:
-        self._solver = pypardiso.PyPardisoSolver(mtype=-2)  # it wants the upper triangle
-        self._pattern: tuple[NDArray, NDArray] | None = None
+        self._solver = pypardiso.PyPardisoSolver(mtype=-2)
+        self._pattern: tuple[NDArray[np.int32], NDArray[np.int32]] | None = None
+        weakref.finalize(self, self._solver.free_memory, True)
 
     def __call__(self, matrix: csr_matrix, right: NDArray[np.float64]) -> NDArray[np.float64]:
-        upper = triu(matrix, format="csr")
-        upper.sort_indices()
-        pattern = upper.indptr, upper.indices
-        known = self._pattern is not None and all(map(np.array_equal, pattern, self._pattern))
-        self._pattern = pattern
-        self._solver.set_phase(_NUMBERS_AND_SOLUTION if known else _ALL_PHASES)
+        upper = triu(matrix, format="csr").sorted_indices()
+        if not self._knows(upper):
+            self._solver.free_memory(True)
+            self._solver.factorize(upper)
+            self._pattern = upper.indptr, upper.indices
+            return self._solver.solve(upper, right)
+        self._solver.set_phase(_FACTORISE_AND_SOLVE)
         return self._solver._call_pardiso(upper, np.asfortranarray(right))
+
+    def _knows(self, upper: csr_matrix) -> bool:
+        return self._pattern is not None and all(
+            np.array_equal(known, found)
+            for known, found in zip(self._pattern, (upper.indptr, upper.indices), strict=True)
+        )
 
 
 def _superlu(matrix: csr_matrix, right: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -124,6 +124,11 @@ class UnitCell:
         return 2.0 * self.geometry.wave_count / self.half_waves
 
     @property
+    def copies(self) -> float:
+        """Number of meshed sections in the whole one."""
+        return self._copies
+
+    @property
     def unknown_count(self) -> int:
         """Number of unknowns; the last ones are phi, in the full section psi, and w."""
         return self._count
@@ -235,9 +240,23 @@ class UnitCell:
         x = self.positions_mm(unknowns)
         return self._jacobian(unknowns).T @ self._nodal_forces(x, pressure_gauge_mpa)
 
+    def nodal_forces(self, x: NDArray[np.float64], pressure_gauge_mpa: float) -> NDArray[np.float64]:
+        """Return dPi/dx [N] of the meshed section, nodes as in :meth:`positions_mm`, shape (nodes + 1, 3)."""
+        return self._nodal_forces(x, pressure_gauge_mpa).reshape(-1, 3)
+
+    def to_unknowns(self, unknowns: NDArray[np.float64], forces: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what nodal forces, shape (nodes + 1, 3), do on the unknowns: their virtual work for each."""
+        return self._jacobian(unknowns).T @ forces.ravel()
+
     def tangent(self, unknowns: NDArray[np.float64], pressure_gauge_mpa: float) -> csr_matrix:
         """Return d2Pi/dq2 of the meshed section."""
         x = self.positions_mm(unknowns)
+        stiffness = self.nodal_stiffness(x, pressure_gauge_mpa)
+        jacobian = self._jacobian(unknowns)
+        return (jacobian.T @ stiffness @ jacobian + self._curvature(unknowns, x, pressure_gauge_mpa)).tocsr()
+
+    def nodal_stiffness(self, x: NDArray[np.float64], pressure_gauge_mpa: float) -> csr_matrix:
+        """Return d2Pi/dx2 [N/mm] of the meshed section over 3 node + component, nodes as in :meth:`positions_mm`."""
         size = x.size
         stiffness = self._body.tangent(x[:-1])
         stiffness.resize((size, size))
@@ -247,8 +266,11 @@ class UnitCell:
             stiffness = stiffness - coo_matrix((values, (rows, columns)), (size, size)).tocsr()
         if self._contact:
             stiffness = stiffness + self._contact.tangent(x)
-        jacobian = self._jacobian(unknowns)
-        return (jacobian.T @ stiffness @ jacobian + self._curvature(unknowns, x, pressure_gauge_mpa)).tocsr()
+        return stiffness
+
+    def nodal_volumes_mm3(self) -> NDArray[np.float64]:
+        """Return each node's share of the silicone at rest, shape (nodes,)."""
+        return self._body.nodal_volumes_mm3(np.ones(len(self.mesh.cells)))
 
     def _nodal_forces(self, x: NDArray[np.float64], pressure_gauge_mpa: float) -> NDArray[np.float64]:
         """dPi/dx; the last answer is kept, because the tangent needs what the residual has just computed."""
