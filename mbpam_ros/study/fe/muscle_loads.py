@@ -6,6 +6,7 @@ chambers 1 to 4 at azimuth 45, 135, 225 and 315 deg.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,8 @@ NOTHING: Vector = (0.0, 0.0, 0.0)
 HANGING: Vector = (0.0, 0.0, GRAVITY_M_S2)
 UPRIGHT: Vector = (0.0, 0.0, -GRAVITY_M_S2)
 LEVEL: Vector = (GRAVITY_M_S2, 0.0, 0.0)
+
+_ROUNDING = 1e-12
 
 
 class MuscleLoadError(MbpamError, ValueError):
@@ -71,6 +74,24 @@ class MuscleLoads:
             (force[0], -force[1], force[2]),
             -self.tip_torque_n_mm,
             (gravity[0], -gravity[1], gravity[2]),
+        )
+
+    def turned(self, angle_rad: float) -> MuscleLoads:
+        """The force and gravity turned about z; pressures and torque as they are.
+
+        Components that would be zero but for rounding are zero.
+        """
+        cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
+
+        def turn(vector: Vector) -> Vector:
+            x, y, z = vector
+            flat = cosine * x - sine * y, sine * x + cosine * y
+            size = math.hypot(*flat)
+            x, y = (value if abs(value) > _ROUNDING * size else 0.0 for value in flat)
+            return x, y, z
+
+        return MuscleLoads(
+            self.pressures_gauge_mpa, turn(self.tip_force_n), self.tip_torque_n_mm, turn(self.gravity_m_s2)
         )
 
     def __str__(self) -> str:

@@ -20,12 +20,15 @@ Not modelled: contact of the muscle with itself, viscosity.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from mbpam_ros.study.fe.chamber_volume import ChamberVolume
 from mbpam_ros.study.fe.material import Silicone
@@ -52,6 +55,8 @@ _MUSCLE_STEPS = StepControl(
     residual_n=1e-5, most_iterations=10, largest_step=0.1, smallest_step=1e-3, most_revisions=20
 )
 _SAME_CHAMBERS = {"pdc": ((1, 4), (2, 3)), "psc": ((2, 4),), "full": ()}  # mirror images of each other in y = 0
+_AZIMUTH_RAD = {"pdc": 0.0, "psc": 0.25 * math.pi, "full": 0.0}  # of the model's x axis in the muscle frame
+_SAME_NODE_MM = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +180,11 @@ class WholeMuscle:
             LoadStepError: the end could not be reached.
         """
         begin = start.loads
-        self._require_symmetric(loads)
+        if not self.takes(loads):
+            raise MuscleLoadError(
+                f"half a muscle ({self.section}) takes loads that are symmetric in y = 0 only, found {loads}; "
+                "take the section 'full'"
+            )
         if loads == begin:
             return start
         memory, revisions = start.contact, 0
@@ -266,6 +275,36 @@ class WholeMuscle:
         force = self.forces_n(state.positions_mm, state.loads, state.contact)[self.mesh.points_mm[:, 2] == 0.0]
         return self._whole(force.sum(axis=0))
 
+    def takes(self, loads: MuscleLoads) -> bool:
+        """Whether the loads have the model's symmetry; all of the muscle takes any."""
+        pressures = loads.pressures_gauge_mpa
+        same = all(pressures[one - 1] == pressures[other - 1] for one, other in _SAME_CHAMBERS[self.section])
+        sideways = (loads.tip_force_n[1], loads.tip_torque_n_mm, loads.gravity_m_s2[1])
+        return not self.mirrored or (same and not any(sideways))
+
+    def loads_in_frame(self, loads: MuscleLoads) -> MuscleLoads:
+        """Return loads of the muscle frame in the model's."""
+        return loads.turned(-_AZIMUTH_RAD[self.section])
+
+    def unfolded(self, state: MuscleState, half: WholeMuscle) -> MuscleState:
+        """Return the state of this model, of all of the muscle, that a half is the half of.
+
+        Args:
+            state: of the half, without a plate.
+            half: of the same geometry and resolution.
+
+        Raises:
+            ValueError: the nodes are not those of the half and their mirror images.
+        """
+        turn = Rotation.from_rotvec([0.0, 0.0, _AZIMUTH_RAD[half.section]])
+        rest = turn.inv().apply(self.mesh.points_mm)
+        sign = np.where(rest[:, 1:2] < -_SAME_NODE_MM, (1.0, -1.0, 1.0), 1.0)
+        distance, node = cKDTree(half.mesh.points_mm).query(rest * sign)
+        if distance.max() > _SAME_NODE_MM or len(self.mesh.points_mm) < len(half.mesh.points_mm):
+            raise ValueError("the two models have different meshes")
+        loads = state.loads.turned(_AZIMUTH_RAD[half.section])
+        return self._state(turn.apply(state.positions_mm[node] * sign), loads, None)
+
     def _tangent_of_free(
         self, x: NDArray[np.float64], loads: MuscleLoads, memory: ContactMemory | None
     ) -> csr_matrix | UpdatedMatrix:
@@ -277,16 +316,6 @@ class WholeMuscle:
     def _whole(self, force_n: NDArray[np.float64]) -> NDArray[np.float64]:
         """The whole muscle's force from the model's; y cancels by symmetry."""
         return 2.0 * force_n * (1.0, 0.0, 1.0) if self.mirrored else force_n
-
-    def _require_symmetric(self, loads: MuscleLoads) -> None:
-        pressures = loads.pressures_gauge_mpa
-        same = all(pressures[one - 1] == pressures[other - 1] for one, other in _SAME_CHAMBERS[self.section])
-        sideways = (loads.tip_force_n[1], loads.tip_torque_n_mm, loads.gravity_m_s2[1])
-        if self.mirrored and not (same and not any(sideways)):
-            raise MuscleLoadError(
-                f"half a muscle ({self.section}) takes loads that are symmetric in y = 0 only, found {loads}; "
-                "take the section 'full'"
-            )
 
     def _state(self, x: NDArray[np.float64], loads: MuscleLoads, memory: ContactMemory | None) -> MuscleState:
         push, tip = np.zeros(3), self._tip.pose(x)
