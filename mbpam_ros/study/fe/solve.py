@@ -92,10 +92,12 @@ class _SymmetricPardiso:
     def __init__(self, pypardiso: ModuleType) -> None:
         self._solver = pypardiso.PyPardisoSolver(mtype=-2)
         self._pattern: tuple[NDArray[np.int32], NDArray[np.int32]] | None = None
+        self._last = csr_matrix((0, 0))
+        self._upper = self._last, np.zeros(0, dtype=np.int32)
         weakref.finalize(self, self._solver.free_memory, True)
 
     def __call__(self, matrix: csr_matrix, right: NDArray[np.float64]) -> NDArray[np.float64]:
-        upper = triu(matrix, format="csr").sorted_indices()
+        upper = self._upper_triangle(matrix)
         if not self._knows(upper):
             self._solver.free_memory(True)
             self._solver.factorize(upper)
@@ -103,6 +105,15 @@ class _SymmetricPardiso:
             return self._solver.solve(upper, right)
         self._solver.set_phase(_FACTORISE_AND_SOLVE)
         return self._solver._call_pardiso(upper, np.asfortranarray(right))
+
+    def _upper_triangle(self, matrix: csr_matrix) -> csr_matrix:
+        """The upper triangle; where it lies is known of a matrix that shares the last one's indices."""
+        if matrix.indices is not self._last.indices or matrix.indptr is not self._last.indptr:
+            places = csr_matrix((np.arange(1, matrix.nnz + 1), matrix.indices, matrix.indptr), matrix.shape)
+            pattern = triu(places, format="csr").sorted_indices()
+            self._last, self._upper = matrix, (pattern, pattern.data - 1)
+        pattern, chosen = self._upper
+        return csr_matrix((matrix.data[chosen], pattern.indices, pattern.indptr), matrix.shape)
 
     def _knows(self, upper: csr_matrix) -> bool:
         return self._pattern is not None and all(

@@ -31,6 +31,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from mbpam_ros.study.fe.chamber_volume import ChamberVolume
+from mbpam_ros.study.fe.free_matrix import FreeMatrix
 from mbpam_ros.study.fe.material import Silicone
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
 from mbpam_ros.study.fe.muscle_loads import UPRIGHT, MuscleLoadError, MuscleLoads, Vector, pattern_pressures_mpa
@@ -131,6 +132,7 @@ class WholeMuscle:
             free[points[:, 1] == 0.0, 1] = False
         free[points[:, 2] == 0.0] = False
         self._free = np.flatnonzero(free.ravel())
+        self._free_matrix: FreeMatrix | None = None
         self.frames = SectionFrames(points, self.mirrored)
 
     @property
@@ -257,18 +259,12 @@ class WholeMuscle:
         A sparse matrix, symmetric unless there is friction; with a moment at the tip its update of rank four.
         """
         stiffness = self._body.tangent(x)
-        for chamber, gas in self._gas.items():
-            if pressure_mpa := loads.pressures_gauge_mpa[chamber - 1]:
-                values, rows, columns = gas.hessian_entries(x)
-                stiffness = stiffness - coo_matrix((pressure_mpa * values, (rows, columns)), (x.size, x.size)).tocsr()
+        for chamber, values in self._gas_hessians(x, loads).items():
+            places = self._gas[chamber].hessian_places
+            stiffness = stiffness + coo_matrix((values, places), (x.size, x.size)).tocsr()
         if memory is not None and self._contact is not None:
             stiffness = stiffness + self._contact.tangent(x, memory)
-        if not loads.tip_torque_n_mm:
-            return stiffness
-        components = (3 * self._tip.nodes[:, None] + np.arange(3)).ravel()
-        left, right = np.zeros((2, x.size, 4))
-        left[components], right[components] = self._tip.torque_tangent(x, loads.tip_torque_n_mm)
-        return UpdatedMatrix(stiffness, left, right)
+        return self._with_torque(stiffness, x, loads, np.arange(x.size))
 
     def base_reaction_n(self, state: MuscleState) -> NDArray[np.float64]:
         """Return the clamp's force on the muscle [N], x, y, z."""
@@ -308,10 +304,33 @@ class WholeMuscle:
     def _tangent_of_free(
         self, x: NDArray[np.float64], loads: MuscleLoads, memory: ContactMemory | None
     ) -> csr_matrix | UpdatedMatrix:
-        tangent, free = self.tangent(x, loads, memory), self._free
-        if isinstance(tangent, UpdatedMatrix):
-            return UpdatedMatrix(tangent.matrix[free][:, free], tangent.left[free], tangent.right[free])
-        return tangent[free][:, free]
+        """The rows and columns of :meth:`tangent` that belong to the unknowns."""
+        free, body = self._free, self._body.tangent(x)
+        if self._free_matrix is None:
+            places = {chamber: gas.hessian_places for chamber, gas in self._gas.items()}
+            self._free_matrix = FreeMatrix(body, free, places)
+        stiffness = self._free_matrix.of(body, self._gas_hessians(x, loads))
+        if memory is not None and self._contact is not None:
+            stiffness = stiffness + self._contact.tangent(x, memory)[free][:, free]
+        return self._with_torque(stiffness, x, loads, free)
+
+    def _gas_hessians(self, x: NDArray[np.float64], loads: MuscleLoads) -> dict[int, NDArray[np.float64]]:
+        """What the gas adds to the tangent, at its ``hessian_places``, by chamber under pressure."""
+        return {
+            chamber: -pressure_mpa * gas.hessian_values(x)
+            for chamber, gas in self._gas.items()
+            if (pressure_mpa := loads.pressures_gauge_mpa[chamber - 1])
+        }
+
+    def _with_torque(
+        self, stiffness: csr_matrix, x: NDArray[np.float64], loads: MuscleLoads, kept: NDArray[np.int64]
+    ) -> csr_matrix | UpdatedMatrix:
+        if not loads.tip_torque_n_mm:
+            return stiffness
+        components = (3 * self._tip.nodes[:, None] + np.arange(3)).ravel()
+        left, right = np.zeros((2, x.size, 4))
+        left[components], right[components] = self._tip.torque_tangent(x, loads.tip_torque_n_mm)
+        return UpdatedMatrix(stiffness, left[kept], right[kept])
 
     def _whole(self, force_n: NDArray[np.float64]) -> NDArray[np.float64]:
         """The whole muscle's force from the model's; y cancels by symmetry."""

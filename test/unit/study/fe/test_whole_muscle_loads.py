@@ -58,6 +58,20 @@ def test_the_tangent_is_the_slope_of_the_forces_under_every_load_at_once(model):
     assert abs(tangent.matrix - tangent.matrix.T).max() < 1e-14 * abs(tangent.matrix).max()
 
 
+def test_the_tangent_of_the_unknowns_is_that_of_all_nodes_cut_and_its_pattern_stays(model):
+    x, patterns = model.mesh.points_mm + 0.02 * np.random.default_rng(6).standard_normal(model.mesh.points_mm.shape), []
+    for loads in (LOADS, PDC, MuscleLoads()):
+        full, cut = model.tangent(x, loads), model._tangent_of_free(x, loads, None)
+        if loads is LOADS:
+            assert np.array_equal(full.left[model._free], cut.left) and np.array_equal(
+                full.right[model._free], cut.right
+            )
+            full, cut = full.matrix, cut.matrix
+        assert abs(full[model._free][:, model._free] - cut).max() < 1e-15 * abs(full).max()
+        patterns.append(cut.indices)
+    assert patterns[0] is patterns[1] is patterns[2]
+
+
 def test_the_clamp_carries_force_and_weight_and_their_moment_and_the_torque(model, loaded):
     weight_n = model.mass_kg * np.array(LOADS.gravity_m_s2)
     assert model.base_reaction_n(loaded) == pytest.approx(-weight_n - LOADS.tip_force_n, abs=1e-4)
