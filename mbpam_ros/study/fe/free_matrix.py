@@ -49,6 +49,7 @@ class FreeMatrix:
         for name, values in entries.items():
             at, which = self._added[name]
             matrix.data[at] += np.bincount(which, values)
-        free = csr_matrix((matrix.data[self._kept], self._indices, self._indptr), (self._indptr.size - 1,) * 2)
+        free = csr_matrix((self._indptr.size - 1,) * 2)
+        free.data, free.indices, free.indptr = matrix.data[self._kept], self._indices, self._indptr  # not copied
         free.has_canonical_format = True
         return free
