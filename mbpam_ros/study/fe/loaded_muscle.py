@@ -1,7 +1,8 @@
 """States of the whole finite element muscle: where its tip lies under pressures, loads on the tip and gravity.
 
 A state is reached as a muscle in the hand would reach it: its weight on first, then the pressure, then the load on its
-tip. So where several equilibria exist it is the one on this way.
+tip. So where several equilibria exist it is the one on this way. (What of weight and pressure is not symmetric in the
+plane of the bend is put on after the rest, before the load on the tip.)
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.study.fe.material import Silicone
-from mbpam_ros.study.fe.mesh import PATTERNS, CellGeometry, Resolution, arm_is_odd
+from mbpam_ros.study.fe.mesh import CellGeometry, Resolution, arm_is_odd
 from mbpam_ros.study.fe.muscle_loads import NOTHING, MuscleLoads
 from mbpam_ros.study.fe.muscle_mesh import EndPieces
 from mbpam_ros.study.fe.posture import END_LENGTH_MM, SILICONE_DENSITY_KG_M3, weight_n_mm
@@ -43,7 +44,10 @@ S_PER_STATE = {"converged": 500.0, "light": 150.0, "coarse": 30.0}
 
 NOT_MODELLED = ("self-contact", "viscosity")
 
+_NEAREST_HALF = {"pdc": "pdc", "psc": "psc", "half": "psc"}  # the symmetry of most of a pattern's pressures
+
 _TO_PRESSURE = StepControl(residual_n=1e-6, first_step=0.25, largest_step=0.5, smallest_step=0.01)
+_OUT_OF_PLANE = StepControl(residual_n=1e-6, first_step=0.3, largest_step=1.0, smallest_step=0.01)
 _TO_LOAD = StepControl(residual_n=1e-6, first_step=1.0, largest_step=1.0, smallest_step=0.02)
 
 
@@ -114,6 +118,7 @@ class LoadedMuscle:
     def __init__(self, model: MuscleModel) -> None:
         self._model, self._muscle = model, model.muscle()
         self._halves: dict[str, WholeMuscle] = {}
+        self._free: MuscleState | None = None  # the last one of all of the muscle without load on the tip
         self._ways: dict[str, list[MuscleState]] = {}  # of each section: rest, weight on, pressures rising
         points = self._muscle.mesh.points_mm
         frames = self._muscle.frames
@@ -158,22 +163,25 @@ class LoadedMuscle:
         }
 
     def _found(self, loads: MuscleLoads, unloaded: MuscleLoads, pattern: str) -> MuscleState:
-        """As far as loads have the symmetry of the pattern, its half is solved, at a quarter of the cost or less."""
-        half = self._half(pattern)
-        if half is None or not half.takes(half.loads_in_frame(unloaded)):
+        """What is symmetric in a plane is solved with the half, at a quarter of the cost; the rest comes last."""
+        half = self._half(_NEAREST_HALF[pattern])
+        if half is None:
             return self._muscle.moved(self._on_the_way(self._muscle, unloaded), loads, control=_TO_LOAD)
-        start = self._on_the_way(half, half.loads_in_frame(unloaded))
-        if half.takes(own := half.loads_in_frame(loads)):
+        own, own_unloaded = half.loads_in_frame(loads), half.loads_in_frame(unloaded)
+        start = self._on_the_way(half, half.symmetric_part(own_unloaded))
+        if half.takes(own):
             return self._muscle.unfolded(half.moved(start, own, control=_TO_LOAD), half)
-        return self._muscle.moved(self._muscle.unfolded(start, half), loads, control=_TO_LOAD)
+        if self._free is None or self._free.loads != unloaded:
+            self._free = self._muscle.moved(self._muscle.unfolded(start, half), unloaded, control=_OUT_OF_PLANE)
+        return self._muscle.moved(self._free, loads, control=_TO_LOAD)
 
-    def _half(self, pattern: str) -> WholeMuscle | None:
-        """The half with the pattern's symmetry, if there is one and it can be meshed."""
-        if pattern not in PATTERNS or (pattern == "psc" and arm_is_odd(MESHES[self._model.mesh])):
+    def _half(self, section: str) -> WholeMuscle | None:
+        """The half, if it can be meshed."""
+        if section == "psc" and arm_is_odd(MESHES[self._model.mesh]):
             return None
-        if pattern not in self._halves:
-            self._halves[pattern] = self._model.muscle(pattern)
-        return self._halves[pattern]
+        if section not in self._halves:
+            self._halves[section] = self._model.muscle(section)
+        return self._halves[section]
 
     def _on_the_way(self, muscle: WholeMuscle, loads: MuscleLoads) -> MuscleState:
         """Go on from the model's last state on the way to these pressures and this gravity."""

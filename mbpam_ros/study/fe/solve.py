@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -18,11 +19,14 @@ from mbpam_ros.errors import MbpamError
 LinearSolver = Callable[[csr_matrix, NDArray[np.float64]], NDArray[np.float64]]
 Residual = Callable[[NDArray[np.float64], float], NDArray[np.float64]]
 Tangent = Callable[[NDArray[np.float64], float], "csr_matrix | UpdatedMatrix"]
+Equilibrium = tuple[float, NDArray[np.float64]]
+"""Load parameter and unknowns."""
 Accept = Callable[[NDArray[np.float64], float], bool]
 Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 SOLVERS = ("pardiso", "superlu")
 _ROUNDING = 1e-9
+_EXTRAPOLATED = 4  # equilibria through which the next guess is laid
 _FACTORISE_AND_SOLVE = 23  # Pardiso's phases, without the first: the analysis of the pattern
 
 
@@ -164,11 +168,6 @@ class Chart:
     coordinates: Map
     unknowns: Map
 
-    def extrapolated(self, before: NDArray[np.float64], here: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
-        """Return the unknowns ``ratio`` times the way from ``before`` to ``here`` beyond ``here``."""
-        origin = self.coordinates(here)
-        return self.unknowns(origin + ratio * (origin - self.coordinates(before)))
-
     def moved(self, here: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the unknowns after a step that begins in the direction ``step`` and is as long."""
         longest = float(np.abs(step).max(initial=0.0))
@@ -195,32 +194,29 @@ def follow_load(
     control: StepControl | None = None,
     accept: Accept | None = None,
     chart: Chart | None = None,
+    earlier: Sequence[Equilibrium] = (),
 ) -> NDArray[np.float64]:
     """Return the unknowns at load parameter 1, following equilibria from ``start`` at 0.
 
-    Each step starts from the line through the last two equilibria; Newton's method then converges quadratically.
-    A step that does not converge is halved, an easy one is followed by one 1.5 times as long.
+    Each step starts from the cubic through the last four equilibria; Newton's method then converges quadratically. A
+    step that does not converge is halved, an easy one is followed by one 1.5 times as long.
 
     Args:
         residual, tangent: forces out of balance and their derivative, of (unknowns, load parameter).
         accept: told every equilibrium before the next step. False: the problem is another one now (a node has touched
             something), find the equilibrium again.
         chart: see :class:`Chart`; by default the unknowns are their own coordinates.
+        earlier: other equilibria, at loads below 0 or above 1, the last one nearest.
 
     Raises:
         LoadStepError: the smallest step found no equilibrium: a limit point, or an element turned inside out.
     """
     control = control or StepControl()
     load, step, unknowns = 0.0, control.first_step, start
-    before: tuple[float, NDArray[np.float64]] | None = None
+    passed: list[Equilibrium] = [*earlier[1 - _EXTRAPOLATED :], (load, start)]
     while load < 1.0:
         wanted = load + step if load + step < 1.0 - _ROUNDING else 1.0  # ten steps of 0.1 end at 1, not just before
-        guess = unknowns
-        if before is not None:
-            ratio = (wanted - load) / (load - before[0])
-            guess = (
-                chart.extrapolated(before[1], unknowns, ratio) if chart else unknowns + ratio * (unknowns - before[1])
-            )
+        guess = _extrapolated(passed, wanted, chart)
         try:
             found, iterations = _newton(residual, tangent, guess, wanted, solve, control, chart)
             for _ in range(control.most_revisions):
@@ -235,10 +231,23 @@ def follow_load(
             if step < control.smallest_step:
                 raise LoadStepError(f"no equilibrium beyond load parameter {load:.4f}: {error}", load) from error
             continue
-        before, load, unknowns = (load, unknowns), wanted, found
+        load, unknowns = wanted, found
+        passed = [*passed[1 - _EXTRAPOLATED :], (load, unknowns)]
         if iterations <= 5:
             step = min(1.5 * step, control.largest_step)
     return unknowns
+
+
+def _extrapolated(passed: Sequence[Equilibrium], wanted: float, chart: Chart | None) -> NDArray[np.float64]:
+    """The polynomial through the last equilibria, in the chart if there is one, at the load ``wanted``."""
+    if len(passed) < 2:
+        return passed[-1][1]
+    loads = [load for load, _ in passed]
+    guess = np.zeros(())
+    for load, unknowns in passed:
+        weight = math.prod((wanted - other) / (load - other) for other in loads if other != load)
+        guess = guess + weight * (chart.coordinates(unknowns) if chart else unknowns)
+    return chart.unknowns(guess) if chart else guess
 
 
 def _newton(

@@ -278,6 +278,17 @@ class WholeMuscle:
         sideways = (loads.tip_force_n[1], loads.tip_torque_n_mm, loads.gravity_m_s2[1])
         return not self.mirrored or (same and not any(sideways))
 
+    def symmetric_part(self, loads: MuscleLoads) -> MuscleLoads:
+        """Return the part of loads that a half takes: of two chambers the lower pressure, nothing across its plane."""
+        pressures = list(loads.pressures_gauge_mpa)
+        for one, other in _SAME_CHAMBERS[self.section]:
+            pressures[one - 1] = pressures[other - 1] = min(pressures[one - 1], pressures[other - 1])
+        first, second, third, fourth = pressures
+        force, gravity = loads.tip_force_n, loads.gravity_m_s2
+        return MuscleLoads(
+            (first, second, third, fourth), (force[0], 0.0, force[2]), gravity_m_s2=(gravity[0], 0.0, gravity[2])
+        )
+
     def loads_in_frame(self, loads: MuscleLoads) -> MuscleLoads:
         """Return loads of the muscle frame in the model's."""
         return loads.turned(-_AZIMUTH_RAD[self.section])
