@@ -39,7 +39,7 @@ WALL_MM = 2.3
 END_WEIGHT_FACTOR = 1.0
 """Weight per length of the ends over the waved part's mean: that of the rod, which has one mass per length."""
 
-S_PER_STATE = {"converged": 500.0, "light": 150.0, "coarse": 30.0}
+S_PER_STATE = {"converged": 400.0, "light": 90.0, "coarse": 20.0}
 """CPU of one state from rest, a guess."""
 
 NOT_MODELLED = ("self-contact", "viscosity")

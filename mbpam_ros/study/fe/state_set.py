@@ -28,6 +28,7 @@ LEVEL_ASIDE: Vector = (0.0, LEVEL[0], 0.0)
 
 _AHEAD_DEG = {"pdc": 180.0, "psc": 225.0, "half": 240.0}
 _FORCE_DIGITS = 5
+_PATH_PER_STATE = 2.0  # cost of a way over that of one state from rest
 
 
 @dataclass(frozen=True)
@@ -72,11 +73,6 @@ class LoadPath:
     pattern: str
     gravity_m_s2: Vector
     stations: dict[float, tuple[TipLoad, ...]]
-
-    @property
-    def state_count(self) -> int:
-        """Number of states."""
-        return sum(1 + len(loads) for loads in self.stations.values())
 
 
 _SIDEWAYS, _IN_PLANE, _TORQUE = TipLoad(aside_n=0.05), TipLoad(ahead_n=-0.05), TipLoad(torque_n_mm=5.0)
@@ -160,7 +156,6 @@ def state_set(
     paths = PATHS if paths is None else paths
     results = ResultFile(path.with_name(f"{path.stem}_paths.json"), model.settings(), "paths", lambda row: row["path"])
     jobs = {name: (name, model, each) for name, each in paths.items()}
-    count = sum(each.state_count for each in paths.values())
     failures: dict[str, str] = {}
     try:
         failures = run_jobs(
@@ -171,7 +166,7 @@ def state_set(
             progress,
             _text,
             failing=(LoadStepError,),
-            s_per_job=S_PER_STATE[model.mesh] * count / len(jobs),
+            s_per_job=_PATH_PER_STATE * S_PER_STATE[model.mesh],
         )
     finally:
         rows = [results.rows[name] for name in jobs if name in results.rows]
