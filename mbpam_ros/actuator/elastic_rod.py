@@ -1,13 +1,12 @@
 r"""The muscle at rest as a spatial Kirchhoff rod that bends, stretches and twists, under gravity and loads on its tip.
 
-Clamped at the origin of the muscle frame, z along the straight muscle; a straight rigid end of length d, an active
-part of unstretched length L, another end. With s the unstretched length along the active part, R(s) the rotation of
-its section (third column t: the axis), n and m the force and moment that what lies beyond exerts, and w the weight
-per length as a vector,
+Clamped at the origin of the muscle frame, z along the straight muscle; an end of length d, straight and rigid but
+where another one is asked for, an active part of unstretched length L, another end. With s the unstretched length from
+the clamp, l = L + 2 d, R(s) the rotation of the section (third column t: the axis), n and m the force and moment that
+what lies beyond exerts, and w the weight per length as a vector,
 
     R' = R [u]x,   u = (-b_y, b_x, tau),   r' = (1 + epsilon) t,
-    n = F + w (d + L - s),   m' = -r' x n,
-    m(L) = t x (d F + d^2 / 2 w) + T t,
+    n = F + w (l - s),   m' = -r' x n,   m(l) = T t,
 
 where b are the curvature's bend components. F is a dead force at the centre of the tip's end face, T a torque about
 the tip's current axis. From the law (:mod:`~mbpam_ros.actuator.rod_law`), with N = n . t and (m_1, m_2, m_3) = R^T m,
@@ -41,7 +40,7 @@ from numpy.typing import ArrayLike, NDArray
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.actuator.planar_rod import RodSolutionError
-from mbpam_ros.actuator.rod_law import RodLaw
+from mbpam_ros.actuator.rod_law import RodLaw, StrainLaw
 from mbpam_ros.geometry import rotations
 
 Array = NDArray[np.float64]
@@ -52,6 +51,12 @@ STRAINS = ("bend", "stretch", "twist")
 
 STEPS = 24
 """Of the march along the active part."""
+
+END_STEPS = 1
+"""Of the march along each end: a rigid one is marched without error, and one of silicone bends by a few degrees."""
+
+FREE_STEPS = 12
+"""Of rods without loads on their tips, which are solved at 100 Hz: the tip is within 1e-5 of L."""
 
 HANGING = (0.0, 0.0, GRAVITY_M_S2)
 """Gravity of a muscle that hangs from its clamp, in the muscle frame [m/s2]."""
@@ -87,6 +92,10 @@ class RodSection(NamedTuple):
     torsion_compliance_per_n_m2: float = 0.0
 
 
+RIGID = RodSection(0.0, 0.0, math.inf)
+"""A section that does nothing."""
+
+
 @dataclass(frozen=True)
 class RodLoads:
     """What acts on a muscle from outside, in the muscle frame.
@@ -119,8 +128,8 @@ class RodAtRest:
     Args:
         tip_position_m: centre of the tip's end face, shape (3,).
         tip_orientation_xyzw: unit quaternion of the tip's section, shape (4,).
-        bend_rad: integral of the curvature's bend components over the active part, shape (2,).
-        centreline_m: of the active part from the clamp's end to the tip's, shape (steps + 1, 3).
+        bend_rad: integral of the curvature's bend components over the length, shape (2,).
+        centreline_m: the axis from clamp to tip, shape (steps + 2 END_STEPS + 1, 3).
     """
 
     tip_position_m: Array
@@ -158,22 +167,26 @@ def rod_section(law: RodLaw, pressure_gauge_pa: ArrayLike, strains: Sequence[str
         ValueError: an unknown strain, ``bend`` is missing, or not four pressures.
         StrainLawError: the law says nothing of a strain.
     """
-    check_strains(strains)
     moment, stiffness = law.moment_and_stiffness(pressure_gauge_pa)
-    section = RodSection(float(moment[0]), float(moment[1]), float(stiffness))
-    if len(strains) == 1:
-        return section
-    of = law.strain_law(pressure_gauge_pa)
-    if "stretch" in strains:
-        section = section._replace(
-            free_stretch=float(of.free_stretch),
-            slope_x_m=float(of.stretch_per_curvature_m[0]),
-            slope_y_m=float(of.stretch_per_curvature_m[1]),
-            axial_compliance_per_n=1.0 / float(of.axial_stiffness_n),
-        )
-    if "twist" in strains:
-        section = section._replace(torsion_compliance_per_n_m2=1.0 / float(of.torsion_stiffness_n_m2))
-    return section
+    of = _known_strains(law, pressure_gauge_pa, strains)
+    return RodSection(*_section_rows(moment, stiffness, of, strains).tolist())
+
+
+def _known_strains(law: RodLaw, pressure_gauge_pa: ArrayLike, strains: Sequence[str]) -> StrainLaw | None:
+    check_strains(strains)
+    return law.strain_law(pressure_gauge_pa) if len(strains) > 1 else None
+
+
+def _section_rows(moment_n_m: Array, stiffness_n_m2: Array, of: StrainLaw | None, strains: Sequence[str]) -> Array:
+    """Fields of :class:`RodSection` in the last axis, shape (..., 8); what ``strains`` leave out is 0."""
+    rows = np.zeros((*stiffness_n_m2.shape, 8))
+    rows[..., :2], rows[..., 2] = moment_n_m, stiffness_n_m2
+    if of is not None and "stretch" in strains:
+        rows[..., 3], rows[..., 4:6] = of.free_stretch, of.stretch_per_curvature_m
+        rows[..., 6] = 1.0 / of.axial_stiffness_n
+    if of is not None and "twist" in strains:
+        rows[..., 7] = 1.0 / of.torsion_stiffness_n_m2
+    return rows
 
 
 def check_strains(strains: Sequence[str]) -> None:
@@ -188,8 +201,24 @@ def check_strains(strains: Sequence[str]) -> None:
         )
 
 
+def solid_end(shear_modulus_pa: float, geometry: MuscleGeometry) -> RodSection:
+    """Return the section of an end that is a solid cylinder of incompressible material: E = 3 G, GJ = G pi R^4 / 2."""
+    area, second_moment = math.pi * geometry.outer_radius_m**2, 0.25 * math.pi * geometry.outer_radius_m**4
+    return RodSection(
+        0.0,
+        0.0,
+        3.0 * shear_modulus_pa * second_moment,
+        axial_compliance_per_n=1.0 / (3.0 * shear_modulus_pa * area),
+        torsion_compliance_per_n_m2=1.0 / (2.0 * shear_modulus_pa * second_moment),
+    )
+
+
 def rod_at_rest(
-    section: RodSection, geometry: MuscleGeometry, loads: RodLoads | None = None, steps: int = STEPS
+    section: RodSection,
+    geometry: MuscleGeometry,
+    loads: RodLoads | None = None,
+    steps: int = STEPS,
+    ends: RodSection = RIGID,
 ) -> RodAtRest:
     """Return the equilibrium that the unloaded rod comes to as ``loads`` (default: hanging) are raised.
 
@@ -198,20 +227,104 @@ def rod_at_rest(
         geometry: of the muscle; its mass per length is per unstretched length.
         loads: on it.
         steps: along the active part.
+        ends: section of the two ends.
 
     Raises:
         RodSolutionError: the equilibrium was lost on the way; the message says where.
     """
     of = loads if loads is not None else RodLoads()
-    shape = _shape(geometry)
-    points = np.empty((steps + 1, 3))
+    sections = _Sections(RodSection(*map(float, section)), RodSection(*map(float, ends)))
+    shape, points = _shape(geometry), np.empty((steps + 2 * END_STEPS + 1, 3))
     tip, nothing = _unloaded_tip(section, shape), np.zeros(7)
     weight, everything = (_packed(of, geometry, share) for share in (0.0, 1.0))
     for name, before, after in (("weight", nothing, weight), ("loads on its tip", weight, everything)):
-        reached, tip = _followed(tip, section, before, after, shape, points)
+        reached, tip = _followed(tip, sections, before, after, shape, points)
         if reached < 1.0:
             raise RodSolutionError(f"no equilibrium of the rod was found beyond {reached:.0%} of the {name}")
-    return _at_rest(tip, section, everything, shape, points)
+    bend = _march(tip, sections, everything, shape, points)[4:]
+    return RodAtRest(points[-1].copy(), np.array(tip), np.array(bend), points)
+
+
+@dataclass(frozen=True, eq=False)
+class RodsAtRest:
+    """Several rods in equilibrium, in their muscle frames; NaN where one is not known.
+
+    Args:
+        tip_position_m: centres of the tips' end faces, shape (n, 3).
+        tip_orientation_xyzw: unit quaternions of the tips' sections, shape (n, 4).
+        centreline_m: the axes from clamp to tip, shape (n, points, 3).
+        arc_length_m: unstretched distance of their points from the clamp, shape (points,).
+    """
+
+    tip_position_m: Array
+    tip_orientation_xyzw: Array
+    centreline_m: Array
+    arc_length_m: Array
+
+
+class FreeRods:
+    """Rods with nothing on their tips, solved from a good guess: for what runs at 100 Hz.
+
+    The same equilibria as :func:`rod_at_rest`'s: where Newton's method does not find one from the guess, the loads are
+    raised as there.
+
+    Args:
+        law: of the muscles.
+        geometry: of the muscles.
+        strains: what they may do.
+
+    Raises:
+        ValueError: unknown strains.
+    """
+
+    def __init__(self, law: RodLaw, geometry: MuscleGeometry, strains: Sequence[str] = STRAINS) -> None:
+        check_strains(strains)
+        self._law, self._geometry, self._strains, self._shape = law, geometry, tuple(strains), _shape(geometry)
+        end, active = geometry.end_length_m, geometry.active_length_m
+        self._arc_length = np.concatenate(
+            [
+                np.linspace(0.0, end, END_STEPS, endpoint=False),
+                np.linspace(end, end + active, FREE_STEPS, endpoint=False),
+                np.linspace(end + active, geometry.length_m, END_STEPS + 1),
+            ]
+        )
+
+    def at_rest(
+        self,
+        moment_n_m: Array,
+        pressure_gauge_pa: Array,
+        gravity_m_s2: Sequence[float],
+        near_bend_rad: Array,
+    ) -> RodsAtRest:
+        """Return the rods with intrinsic moments (n, 2), stiffnesses and strains of pressures (n, 4).
+
+        Args:
+            moment_n_m: M0, which need not be that of the pressures.
+            pressure_gauge_pa: of chambers 1 to 4.
+            gravity_m_s2: acceleration in the muscle frames, (3,).
+            near_bend_rad: constant curvatures whose tips point nearly as the rods', (n, 2).
+
+        Raises:
+            StrainLawError: the law says nothing of a strain.
+        """
+        stiffness = self._law.moment_and_stiffness(pressure_gauge_pa)[1]
+        of = _known_strains(self._law, pressure_gauge_pa, self._strains)
+        rows = _section_rows(moment_n_m, stiffness, of, self._strains)
+        loads = _packed(RodLoads(gravity_m_s2=_three(gravity_m_s2)), self._geometry, 0.0)
+        tips, points = _solved_near(rows, loads, self._shape, near_bend_rad, RIGID, self._arc_length.size)
+        return RodsAtRest(points[:, -1], tips, points, self._arc_length)
+
+
+def _three(values: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+class _Sections(NamedTuple):
+    """Of the active part and of the ends."""
+
+    active: RodSection
+    ends: RodSection
 
 
 class _Shape(NamedTuple):
@@ -232,12 +345,6 @@ def _packed(loads: RodLoads, geometry: MuscleGeometry, tip_share: float) -> Arra
     packed[3:6] = tip_share * np.array(loads.tip_force_n)
     packed[6] = tip_share * loads.tip_torque_n_m
     return packed
-
-
-def _at_rest(tip: Quaternion, section: RodSection, loads: Array, shape: _Shape, points: Array) -> RodAtRest:
-    bend = _march(tip, section, loads, shape, points)[4:]
-    axis = rotations.rotation_matrix(tip)[:, 2]
-    return RodAtRest(points[-1] + shape.end_m * axis, np.array(tip), np.array(bend), points)
 
 
 def _unloaded_tip(section: RodSection, shape: _Shape) -> Quaternion:
@@ -289,24 +396,22 @@ def _slopes(state: Array, beyond_m: float, section: RodSection, loads: Array, sl
 
 @njit(cache=True, error_model="numpy")
 def _march(
-    tip: Quaternion, section: RodSection, loads: Array, shape: _Shape, points: Array
+    tip: Quaternion, sections: _Sections, loads: Array, shape: _Shape, points: Array
 ) -> tuple[float, float, float, float, float, float]:
     """March from the tip's rotation to the clamp; return the rotation there and the bend. Fills ``points``."""
-    steps, end = points.shape[0] - 1, shape.end_m
     state, ahead, slopes = np.zeros(12), np.empty(12), np.empty((4, 12))
     x, y, z, w = tip
     state[0], state[1], state[2], state[3] = x, y, z, w
-    t0, t1, t2 = 2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y)
-    f0 = end * (loads[3] + 0.5 * end * loads[0])
-    f1 = end * (loads[4] + 0.5 * end * loads[1])
-    f2 = end * (loads[5] + 0.5 * end * loads[2])
-    state[4] = t1 * f2 - t2 * f1 + loads[6] * t0
-    state[5] = t2 * f0 - t0 * f2 + loads[6] * t1
-    state[6] = t0 * f1 - t1 * f0 + loads[6] * t2
-    step = shape.active_m / steps
-    points[steps] = 0.0
-    for index in range(steps):
-        beyond = end + index * step
+    state[4] = loads[6] * 2.0 * (x * z + y * w)
+    state[5] = loads[6] * 2.0 * (y * z - x * w)
+    state[6] = loads[6] * (1.0 - 2.0 * (x * x + y * y))
+    last = points.shape[0] - 1
+    points[last] = 0.0
+    beyond = 0.0
+    for index in range(last):
+        is_end = index < END_STEPS or index >= last - END_STEPS
+        section = sections.ends if is_end else sections.active
+        step = shape.end_m / END_STEPS if is_end else shape.active_m / (last - 2 * END_STEPS)
         _slopes(state, beyond, section, loads, slopes[0])
         for i in range(12):
             ahead[i] = state[i] - 0.5 * step * slopes[0, i]
@@ -316,7 +421,8 @@ def _march(
         _slopes(ahead, beyond + 0.5 * step, section, loads, slopes[2])
         for i in range(12):
             ahead[i] = state[i] - step * slopes[2, i]
-        _slopes(ahead, beyond + step, section, loads, slopes[3])
+        beyond += step
+        _slopes(ahead, beyond, section, loads, slopes[3])
         for i in range(12):
             rise = slopes[0, i] + 2.0 * (slopes[1, i] + slopes[2, i]) + slopes[3, i]
             state[i] -= step / 6.0 * rise
@@ -324,20 +430,19 @@ def _march(
         for i in range(4):
             state[i] /= size
         for i in range(3):
-            points[steps - 1 - index, i] = state[7 + i]
-    for i in range(3):  # from the clamp on
-        clamp = state[7 + i] - (end if i == 2 else 0.0)
-        for place in range(steps + 1):
-            points[place, i] -= clamp
+            points[last - 1 - index, i] = state[7 + i]
+    for i in range(3):
+        for place in range(last + 1):
+            points[place, i] -= state[7 + i]
     return state[0], state[1], state[2], state[3], -state[10], -state[11]
 
 
 @njit(cache=True)
 def _clamp_turn(
-    tip: Quaternion, section: RodSection, loads: Array, shape: _Shape, points: Array
+    tip: Quaternion, sections: _Sections, loads: Array, shape: _Shape, points: Array
 ) -> tuple[float, float, float]:
     """Rotation vector [rad] of the clamp after a march from ``tip``: 0 in equilibrium."""
-    x, y, z, w, _, _ = _march(tip, section, loads, shape, points)
+    x, y, z, w, _, _ = _march(tip, sections, loads, shape, points)
     if w < 0.0:
         x, y, z, w = -x, -y, -z, -w
     sine = math.sqrt(x * x + y * y + z * z)
@@ -347,17 +452,17 @@ def _clamp_turn(
 
 @njit(cache=True, error_model="numpy")
 def _solved(
-    tip: Quaternion, section: RodSection, loads: Array, shape: _Shape, points: Array
+    tip: Quaternion, sections: _Sections, loads: Array, shape: _Shape, points: Array
 ) -> tuple[bool, Quaternion]:
     """Newton's method from ``tip``: whether an equilibrium was found near it, and the tip there."""
     turned = 0.0
     for _ in range(_MOST_ITERATIONS):
-        r0, r1, r2 = _clamp_turn(tip, section, loads, shape, points)
+        r0, r1, r2 = _clamp_turn(tip, sections, loads, shape, points)
         if not abs(r0) + abs(r1) + abs(r2) < 1e3:
             return False, tip
-        x0, x1, x2 = _clamp_turn(_product(_turn(_NUDGE_RAD, 0.0, 0.0), tip), section, loads, shape, points)
-        y0, y1, y2 = _clamp_turn(_product(_turn(0.0, _NUDGE_RAD, 0.0), tip), section, loads, shape, points)
-        z0, z1, z2 = _clamp_turn(_product(_turn(0.0, 0.0, _NUDGE_RAD), tip), section, loads, shape, points)
+        x0, x1, x2 = _clamp_turn(_product(_turn(_NUDGE_RAD, 0.0, 0.0), tip), sections, loads, shape, points)
+        y0, y1, y2 = _clamp_turn(_product(_turn(0.0, _NUDGE_RAD, 0.0), tip), sections, loads, shape, points)
+        z0, z1, z2 = _clamp_turn(_product(_turn(0.0, 0.0, _NUDGE_RAD), tip), sections, loads, shape, points)
         x0, x1, x2 = (x0 - r0) / _NUDGE_RAD, (x1 - r1) / _NUDGE_RAD, (x2 - r2) / _NUDGE_RAD
         y0, y1, y2 = (y0 - r0) / _NUDGE_RAD, (y1 - r1) / _NUDGE_RAD, (y2 - r2) / _NUDGE_RAD
         z0, z1, z2 = (z0 - r0) / _NUDGE_RAD, (z1 - r1) / _NUDGE_RAD, (z2 - r2) / _NUDGE_RAD
@@ -382,13 +487,13 @@ def _solved(
 
 @njit(cache=True)
 def _followed(
-    tip: Quaternion, section: RodSection, start: Array, end: Array, shape: _Shape, points: Array
+    tip: Quaternion, sections: _Sections, start: Array, end: Array, shape: _Shape, points: Array
 ) -> tuple[float, Quaternion]:
     """Follow the equilibrium from loads ``start`` to ``end``; return how far it was found, up to 1, and the tip."""
     reached, level = 1.0 if (start == end).all() else 0.0, _FIRST_LEVEL
     while reached < 1.0:
         level = min(level, 1.0 - reached)
-        found, there = _solved(tip, section, start + (reached + level) * (end - start), shape, points)
+        found, there = _solved(tip, sections, start + (reached + level) * (end - start), shape, points)
         if found:
             tip, reached, level = there, reached + level, 1.5 * level
             if reached > 1.0 - 1e-12:
@@ -398,3 +503,30 @@ def _followed(
             if level < _LEAST_LEVEL:
                 break
     return reached, tip
+
+
+@njit(cache=True)
+def _solved_near(
+    rows: Array, loads: Array, shape: _Shape, near_bend_rad: Array, ends: RodSection, count: int
+) -> tuple[Array, Array]:
+    """Rotations of the tips (n, 4) and ``count`` points from clamp to tip (n, count, 3)."""
+    tips, lines = np.full((rows.shape[0], 4), np.nan), np.full((rows.shape[0], count, 3), np.nan)
+    points, nothing = np.empty((count, 3)), np.zeros(7)
+    for i in range(rows.shape[0]):
+        if np.isnan(rows[i]).any() or np.isnan(near_bend_rad[i]).any():
+            continue
+        section = RodSection(
+            rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5], rows[i, 6], rows[i, 7]
+        )
+        sections = _Sections(section, ends)
+        found, tip = _solved(_turn(-near_bend_rad[i, 1], near_bend_rad[i, 0], 0.0), sections, loads, shape, points)
+        if not found:
+            turned = shape.active_m / section.stiffness_n_m2
+            start = _turn(-turned * section.moment_y_n_m, turned * section.moment_x_n_m, 0.0)
+            reached, tip = _followed(start, sections, nothing, loads, shape, points)
+            if reached < 1.0:
+                continue
+        _march(tip, sections, loads, shape, points)
+        tips[i, 0], tips[i, 1], tips[i, 2], tips[i, 3] = tip
+        lines[i] = points
+    return tips, lines

@@ -11,7 +11,7 @@ from mbpam_ros.study.muscle_states import PATTERN_SHARES, MuscleState
 
 def add_muscle_state(parser: argparse.ArgumentParser) -> None:
     """Add pressures, loads on the tip and gravity."""
-    parser._negative_number_matcher = re.compile(r"^-[\d.]")  # else argparse takes "-0.1,0,0" for an option
+    parser._negative_number_matcher = re.compile(r"^-[\d.]")  # else argparse takes -0.1,0,0 for an option
     parser.add_argument(
         "--pattern",
         choices=PATTERN_SHARES,

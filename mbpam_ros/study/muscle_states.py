@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.design import MuscleGeometry
-from mbpam_ros.actuator.elastic_rod import HANGING, RodLoads, rod_at_rest, rod_section
+from mbpam_ros.actuator.elastic_rod import HANGING, RIGID, RodLoads, RodSection, rod_at_rest, rod_section
 from mbpam_ros.actuator.rod_law import RodLaw
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.terminal import table
@@ -109,7 +109,24 @@ class MuscleState:
         return RodLoads(self.tip_force_n, 1e-3 * self.tip_torque_n_mm, self.gravity_m_s2)
 
 
-def rod_answer(state: MuscleState, law: RodLaw, geometry: MuscleGeometry, strains: Sequence[str]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class RodModel:
+    """Which rod answers.
+
+    Args:
+        law: of the active part.
+        geometry: of the muscle.
+        strains: what the active part may do.
+        ends: section of the two ends.
+    """
+
+    law: RodLaw
+    geometry: MuscleGeometry
+    strains: tuple[str, ...]
+    ends: RodSection = RIGID
+
+
+def rod_answer(state: MuscleState, model: RodModel) -> dict[str, Any]:
     """Return the state with the rod's answer, as a row of a file.
 
     Raises:
@@ -117,7 +134,8 @@ def rod_answer(state: MuscleState, law: RodLaw, geometry: MuscleGeometry, strain
         StrainLawError: the law says nothing of a strain.
         RodSolutionError: the rod has no equilibrium there.
     """
-    rod = rod_at_rest(rod_section(law, state.pressure_gauge_pa, strains), geometry, state.loads())
+    section = rod_section(model.law, state.pressure_gauge_pa, model.strains)
+    rod = rod_at_rest(section, model.geometry, state.loads(), ends=model.ends)
     return {
         **{name: list(value) if isinstance(value, tuple) else value for name, value in asdict(state).items()},
         "tip_position_mm": (1e3 * rod.tip_position_m).tolist(),
@@ -146,9 +164,7 @@ def read_states(path: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def compared(
-    rows: Sequence[dict[str, Any]], law: RodLaw, geometry: MuscleGeometry, strains: Sequence[str]
-) -> list[dict[str, Any]]:
+def compared(rows: Sequence[dict[str, Any]], model: RodModel) -> list[dict[str, Any]]:
     """Return the rod's answer to each state beside that of ``rows``.
 
     Each has, besides the rod's answer: ``kind`` of load, ``reference_tip_position_mm``, ``tip_error_mm`` and, over the
@@ -161,7 +177,7 @@ def compared(
         RodSolutionError: the rod has no equilibrium in a state.
     """
     states = [MuscleState.of_row(row) for row in rows]
-    ours = [rod_answer(state, law, geometry, strains) for state in states]
+    ours = [rod_answer(state, model) for state in states]
     unloaded = {state: (ours[i], rows[i]) for i, state in enumerate(states) if not state.is_loaded}
     found = []
     for state, own, row in zip(states, ours, rows, strict=True):
@@ -169,10 +185,10 @@ def compared(
         off = np.subtract(own["tip_position_mm"], row["tip_position_mm"])
         result = {
             **own,
-            "kind": kind_of_load(state, law, free[1]["tip_direction"] if free else own["tip_direction"]),
+            "kind": kind_of_load(state, model.law, free[1]["tip_direction"] if free else own["tip_direction"]),
             "reference_tip_position_mm": list(row["tip_position_mm"]),
             "tip_error_mm": float(np.linalg.norm(off)),
-            "tip_error_pct": 0.1 * float(np.linalg.norm(off)) / geometry.active_length_m,
+            "tip_error_pct": 0.1 * float(np.linalg.norm(off)) / model.geometry.active_length_m,
             "roll_error_deg": math.remainder(own["tip_roll_deg"] - float(row["tip_roll_deg"]), 360.0),
         }
         if state.is_loaded and free is not None:

@@ -7,7 +7,15 @@ from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
 from mbpam_ros.actuator.design import MuscleGeometry
-from mbpam_ros.actuator.elastic_rod import HANGING, STRAINS, RodLoads, RodSection, rod_at_rest, rod_section
+from mbpam_ros.actuator.elastic_rod import (
+    HANGING,
+    STRAINS,
+    RodLoads,
+    RodSection,
+    rod_at_rest,
+    rod_section,
+    solid_end,
+)
 from mbpam_ros.actuator.planar_rod import RodSolutionError, rod_tip_angle
 from mbpam_ros.actuator.rod_law import RodLaw, StrainLaw, StrainLawError
 
@@ -102,6 +110,22 @@ def test_small_loads_on_the_straight_muscle_are_those_of_beam_theory():
     level = tip(STRAIGHT, RodLoads(gravity_m_s2=(1e-3, 0.0, 0.0)))
     weight = 1e-3 * GEOMETRY.mass_per_length_kg_m
     assert level[0] == pytest.approx(weight * (far**4 - END**4) / (8.0 * STRAIGHT.stiffness_n_m2), rel=1e-6)
+
+
+def test_small_loads_on_a_muscle_with_elastic_ends_are_those_of_beam_theory():
+    """The whole a solid cylinder, and ends softer than the active part."""
+    small, length = 1e-5, GEOMETRY.length_m
+    solid = solid_end(0.23e6, GEOMETRY)
+    assert solid.stiffness_n_m2 == pytest.approx(5.42e-3, rel=1e-3)  # 3 G pi R^4 / 4
+    found = rod_at_rest(solid, GEOMETRY, RodLoads((0.0, small, small), small, WEIGHTLESS), ends=solid)
+    assert found.tip_position_m[1] == pytest.approx(small * length**3 / (3.0 * solid.stiffness_n_m2), rel=1e-4)
+    assert found.tip_position_m[2] - length == pytest.approx(small * length * solid.axial_compliance_per_n, rel=2e-2)
+    assert found.tip_roll_rad == pytest.approx(small * length * solid.torsion_compliance_per_n_m2, rel=1e-6)
+    far = ACTIVE + END
+    soft = rod_at_rest(STRAIGHT, GEOMETRY, RodLoads((small, 0.0, 0.0), 0.0, WEIGHTLESS), ends=solid)
+    active = (far**3 - END**3) / (3.0 * STRAIGHT.stiffness_n_m2)
+    ends = (length**3 - far**3 + END**3) / (3.0 * solid.stiffness_n_m2)
+    assert soft.tip_position_m[0] == pytest.approx(small * (active + ends), rel=1e-6)
 
 
 def test_its_own_weight_stretches_the_hanging_muscle():

@@ -5,12 +5,15 @@ import numpy as np
 import pytest
 
 from mbpam_ros.actuator.elastic_rod import STRAINS, RodLoads, rod_at_rest, rod_section
+from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.actuator.rod_law import RodLaw, StrainLaw
 from mbpam_ros.commands.mbpam import main
+from mbpam_ros.configuration import config_path
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.study.muscle_states import (
     MuscleState,
     MuscleStateError,
+    RodModel,
     compared,
     kind_of_load,
     read_states,
@@ -30,9 +33,12 @@ def law(torsion=1e-3):
     return RodLaw(grid, moment, moment, stiffness, stiffness, strains, strains)
 
 
+MODEL, STIFF = RodModel(law(), GEOMETRY, STRAINS), RodModel(law(), GEOMETRY, ("bend",))
+
+
 def test_the_answer_has_the_states_keys_and_the_rods_tip_in_the_files_units():
     state = MuscleState("pdc", 100.0, (0.0, 0.05, 0.0), 2.0, (0.0, 0.0, -9.81))
-    answer = rod_answer(state, law(), GEOMETRY, STRAINS)
+    answer = rod_answer(state, MODEL)
     assert list(answer) == KEYS + ANSWERS
     assert json.loads(json.dumps(answer)) == answer
     rod = rod_at_rest(
@@ -45,7 +51,7 @@ def test_the_answer_has_the_states_keys_and_the_rods_tip_in_the_files_units():
 
 @pytest.mark.parametrize(("pattern", "azimuth_deg"), [("pdc", 180.0), ("psc", 225.0)])
 def test_the_patterns_bend_toward_their_azimuth(pattern, azimuth_deg):
-    x, y, _ = rod_answer(MuscleState(pattern, 80.0), law(), GEOMETRY, ["bend"])["tip_position_mm"]
+    x, y, _ = rod_answer(MuscleState(pattern, 80.0), STIFF)["tip_position_mm"]
     assert math.degrees(math.atan2(y, x)) % 360.0 == pytest.approx(azimuth_deg, abs=1e-6)
 
 
@@ -69,8 +75,8 @@ def test_loads_are_told_apart_by_the_plane_of_the_bend_and_the_tips_direction(fo
     assert kind_of_load(MuscleState("pdc", 100.0, force, torque), law(), [-0.6, 0.0, -0.8]) == kind
 
 
-def rows_of(states, of):
-    return [rod_answer(state, of, GEOMETRY, STRAINS) for state in states]
+def rows_of(states):
+    return [rod_answer(state, MODEL) for state in states]
 
 
 FREE, PUSHED, TURNED = (
@@ -81,7 +87,7 @@ FREE, PUSHED, TURNED = (
 
 
 def test_a_rod_beside_itself_is_off_by_nothing():
-    found = compared(rows_of([PUSHED, FREE, TURNED], law()), law(), GEOMETRY, STRAINS)
+    found = compared(rows_of([PUSHED, FREE, TURNED]), MODEL)
     assert [each["kind"] for each in found] == ["sideways", "free", "torque"]
     for each in found:
         assert each["tip_error_mm"] == each["roll_error_deg"] == 0.0
@@ -90,8 +96,8 @@ def test_a_rod_beside_itself_is_off_by_nothing():
 
 
 def test_a_rod_that_cannot_twist_is_off_as_its_displacements_say():
-    reference = rows_of([FREE, PUSHED], law())
-    free, pushed = compared(reference, law(), GEOMETRY, ["bend", "stretch"])
+    reference = rows_of([FREE, PUSHED])
+    free, pushed = compared(reference, RodModel(law(), GEOMETRY, ("bend", "stretch")))
     assert free["tip_error_mm"] == pytest.approx(0.0, abs=1e-9)
     moved = np.subtract(pushed["tip_position_mm"], free["tip_position_mm"])
     expected = np.subtract(reference[1]["tip_position_mm"], reference[0]["tip_position_mm"])
@@ -110,7 +116,7 @@ def test_a_rod_that_cannot_twist_is_off_as_its_displacements_say():
 
 def test_a_file_of_states_is_read_and_one_that_is_none_is_refused_with_its_place(tmp_path):
     path = tmp_path / "states.json"
-    rows = rows_of([FREE, PUSHED], law())
+    rows = rows_of([FREE, PUSHED])
     path.write_text(json.dumps({"states": rows, "mesh": "fine"}))
     assert read_states(path) == rows
     del rows[1]["tip_direction"]
@@ -139,17 +145,17 @@ def test_what_describes_no_state_is_refused(change, message):
 
 def test_the_verb_prints_the_tip_and_writes_state_answer_and_model(tmp_path, capsys):
     path = tmp_path / "rod.json"
-    arguments = ["rod", "--pattern", "psc", "--pressure-kpa", "80", "--tip-force=-0.02,0,0", "--tip-torque", "1"]
+    arguments = ["rod", "--pattern", "psc", "--pressure-kpa", "80", "--tip-force", "-0.02,0,0", "--tip-torque", "-1"]
     assert main([*arguments, "--gravity", "9.81,0,0", "--strains", "bend", "--json", str(path)]) == 0
     result = json.loads(path.read_text())
-    assert [result[key] for key in KEYS] == ["psc", 80.0, [-0.02, 0.0, 0.0], 1.0, [9.81, 0.0, 0.0]]
-    assert set(ANSWERS) < result.keys() and result["strains"] == ["bend"]
+    assert [result[key] for key in KEYS] == ["psc", 80.0, [-0.02, 0.0, 0.0], -1.0, [9.81, 0.0, 0.0]]
+    assert set(ANSWERS) < result.keys() and (result["strains"], result["ends"]) == (["bend"], "silicone")
     assert f"{result['tip_angle_deg']:.2f} deg" in capsys.readouterr().out
 
 
 def test_the_verb_compares_with_a_file_of_states(tmp_path, capsys):
     states, path = tmp_path / "states.json", tmp_path / "rod.json"
-    states.write_text(json.dumps({"states": rows_of([FREE, PUSHED], law())}))
+    states.write_text(json.dumps({"states": rows_of([FREE, PUSHED])}))
     assert main(["rod", "--states", str(states), "--strains", "bend", "--json", str(path)]) == 0
     result = json.loads(path.read_text())
     assert [row["kind"] for row in result["summary"]] == ["free", "sideways"]
@@ -162,3 +168,32 @@ def test_the_verb_refuses_strains_that_it_does_not_know(capsys):
         main(["rod", "--strains", "bend,shear"])
     assert ended.value.code == 2
     assert "some of bend, stretch, twist" in capsys.readouterr().err
+
+
+def test_ends_of_silicone_yield_under_a_force_on_the_tip_and_hardly_without(tmp_path):
+    tips = []
+    for ends in ("rigid", "silicone"):
+        path = tmp_path / f"{ends}.json"
+        force = ["--tip-force", "0.05,0,0", "--gravity", "0,0,0", "--pressure-kpa", "0"]
+        assert main(["rod", *force, "--strains", "bend", "--ends", ends, "--json", str(path)]) == 0
+        result = json.loads(path.read_text())
+        assert result["ends"] == ends
+        tips.append(result["tip_position_mm"][0])
+    assert 1.08 < tips[1] / tips[0] < 1.15
+
+
+def test_the_law_may_come_from_another_file(tmp_path, capsys):
+    stiffer = json.loads(config_path(LAW_FILE).read_text())
+    for row in stiffer["tables"]:
+        row["moment_n_mm"] = [2.0 * moment for moment in row["moment_n_mm"]]
+    path = tmp_path / "law.json"
+    path.write_text(json.dumps(stiffer))
+    angles = []
+    for law_name in ("config", str(path)):
+        out = tmp_path / "out.json"
+        arguments = ["rod", "--law", law_name, "--gravity", "0,0,0", "--strains", "bend", "--tip-force", "0,0.02,0"]
+        assert main([*arguments, "--json", str(out)]) == 0
+        angles.append(json.loads(out.read_text())["tip_position_mm"][1])
+    assert angles[1] < 0.7 * angles[0]
+    assert main(["rod", "--law", str(tmp_path / "absent.json"), "--strains", "bend"]) == 1
+    assert "absent.json: no such file" in capsys.readouterr().err
