@@ -68,7 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--gripper", default="gripper.yaml", metavar="YAML", help="the muscle (default: gripper.yaml)")
     parser.add_argument(
-        "--mass-per-length", type=_mass, metavar="KG/M", help="of active part and ends (default: as the gripper file)"
+        "--mass-per-length",
+        type=_mass,
+        metavar="KG/M",
+        help="of active part and ends (default: as the states' file, or the gripper's)",
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="where the answer goes")
 
@@ -76,9 +79,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Solve, print, and write what is asked for."""
     gripper = load_gripper(options.gripper)
-    geometry = gripper.geometry
-    if options.mass_per_length is not None:
-        geometry = replace(geometry, mass_per_length_kg_m=options.mass_per_length)
+    answered = None if options.states is None else read_states(options.states)
+    mass_kg_m = options.mass_per_length or (answered and answered.mass_per_length_kg_m)
+    geometry = replace(gripper.geometry, mass_per_length_kg_m=mass_kg_m) if mass_kg_m else gripper.geometry
     ends = RIGID if options.ends == "rigid" else solid_end(stored_shear_modulus_pa(_file(options.law)), geometry)
     model = RodModel(_law(options.law, gripper), geometry, options.strains, ends, options.bending)
     told: dict[str, Any] = {
@@ -90,12 +93,12 @@ def run(options: argparse.Namespace) -> int:
         "end_length_mm": 1e3 * geometry.end_length_m,
         "mass_per_length_kg_m": geometry.mass_per_length_kg_m,
     }
-    if options.states is None:
+    if answered is None:
         answer = rod_answer(muscle_state(options), model)
         print(answer_text([answer]))
         result = answer | told
     else:
-        found = compared(read_states(options.states), model)
+        found = compared(answered.rows, model)
         print(comparison_text(found))
         result = told | {"reference": options.states.name, "summary": summary(found), "states": found}
     if options.json is not None:
