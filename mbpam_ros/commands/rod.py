@@ -3,7 +3,7 @@
     mbpam rod --pattern pdc --pressure-kpa 100 --tip-force 0,0.05,0 --gravity 0,0,9.81 --json FILE
     mbpam rod --states fe_muscle_states.json --json FILE     beside finite elements, state by state
     mbpam rod --strains bend                                 a rod that cannot stretch or twist
-    mbpam rod --bending line --ends rigid                    the plant's rod
+    mbpam rod --ends rigid                                   the plant's rod
 
 Frame: origin at the clamp, z toward the tip of the straight muscle, the cross's arms along x and y. The same arguments
 and keys as "mbpam fe muscle". The law is by default that of finite elements in the configuration (config). --law
@@ -57,8 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bending",
         choices=BENDINGS,
-        default="curve",
-        help="how the moment follows the curvature: as the finite elements', or as the plant's line (default: curve)",
+        default="line",
+        help="how the moment follows the curvature: as the plant's line, or as the unit cell's curve (default: line)",
     )
     parser.add_argument(
         "--ends",
