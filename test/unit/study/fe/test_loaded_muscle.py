@@ -166,6 +166,15 @@ def test_the_verb_writes_the_state_with_its_model(tmp_path, monkeypatch, capsys)
     assert "unknowns" in capsys.readouterr().out
 
 
+def test_the_verb_of_the_set_writes_its_states_and_says_what_it_did(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(state_set, "PATHS", {"level": TWO_WAYS["level"]})
+    monkeypatch.setattr("mbpam_ros.commands.fe.states.muscle_model", lambda options: SHORT)
+    path = tmp_path / "states.json"
+    assert main(["fe", "states", "--workers", "1", "--json", str(path)]) == 0
+    assert [row["tip_torque_n_mm"] for row in read_states(path)] == [0.0, 5.0]
+    assert "[1/1] level: 2 states" in capsys.readouterr().out
+
+
 def test_loads_of_a_state_are_in_the_finite_elements_units():
     assert loads_of(replace(LOADED, pattern="half")) == MuscleLoads(
         (0.06, 0.03, 0.0, 0.0), (0.0, 0.1, 0.05), 5.0, HANGING
