@@ -34,8 +34,9 @@ KINDS = ("free", "in plane", "sideways", "axial", "torque", "several")
 """Of load: none, a force in the plane of the bend, one across it, one along the unloaded tip, a torque, or more."""
 
 _ALONG = 0.95
-_LEAST_DISPLACEMENT_MM = 0.1
-"""A torque on a straight muscle moves its tip by nothing: of less than this no percentage is told."""
+
+_LEAST_DISPLACEMENT_MM = 0.01
+"""A torque on a straight muscle moves its tip nowhere: there is nothing to be compared."""
 
 
 class MuscleStateError(MbpamError, ValueError):
@@ -187,8 +188,8 @@ def compared(rows: Sequence[dict[str, Any]], model: RodModel) -> list[dict[str, 
     """Return the rod's answer to each state beside that of ``rows``.
 
     Each has, besides the rod's answer: ``kind`` of load, ``reference_tip_position_mm``, ``tip_error_mm`` and, over the
-    active length, ``tip_error_pct``, ``roll_error_deg``; and where ``rows`` hold the same state without loads, the
-    displacement from it, ``displacement_mm``, ``reference_displacement_mm`` (3) and, unless that is next to nothing,
+    active length, ``tip_error_pct``, ``roll_error_deg``. Where ``rows`` hold the same state without loads, and the
+    loads move the tip at all, also the displacement from it, ``displacement_mm``, ``reference_displacement_mm`` (3),
     ``displacement_error_pct``, the size of their difference over the reference's, and ``displacement_ratio``, the
     component along the reference's over it.
 
@@ -216,9 +217,10 @@ def compared(rows: Sequence[dict[str, Any]], model: RodModel) -> list[dict[str, 
                 for after, before in ((own, free[0]), (row, free[1]))
             )
             size = float(np.linalg.norm(reference))
-            result |= {"displacement_mm": moved.tolist(), "reference_displacement_mm": reference.tolist()}
             if size > _LEAST_DISPLACEMENT_MM:
                 result |= {
+                    "displacement_mm": moved.tolist(),
+                    "reference_displacement_mm": reference.tolist(),
                     "displacement_error_pct": 100.0 * float(np.linalg.norm(moved - reference)) / size,
                     "displacement_ratio": float(moved @ reference) / size**2,
                 }
