@@ -64,18 +64,6 @@ class MuscleLoads:
         values = (self.values + part * (end.values - self.values)).tolist()
         return MuscleLoads(tuple(values[:4]), tuple(values[4:7]), values[7], tuple(values[8:]))
 
-    @property
-    def mirrored(self) -> MuscleLoads:
-        """The loads' mirror image in y = 0: what is right-handed becomes left-handed."""
-        first, second, third, fourth = self.pressures_gauge_mpa
-        force, gravity = self.tip_force_n, self.gravity_m_s2
-        return MuscleLoads(
-            (fourth, third, second, first),
-            (force[0], -force[1], force[2]),
-            -self.tip_torque_n_mm,
-            (gravity[0], -gravity[1], gravity[2]),
-        )
-
     def turned(self, angle_rad: float) -> MuscleLoads:
         """The force and gravity turned about z; pressures and torque as they are.
 

@@ -83,7 +83,9 @@ def test_the_clamp_carries_force_and_weight_and_their_moment_and_the_torque(mode
 
 
 def test_mirrored_loads_give_the_mirrored_muscle(model, loaded):
-    mirrored = found(model, LOADS.mirrored)
+    force, gravity = (tuple(np.array(vector) * (1.0, -1.0, 1.0)) for vector in (LOADS.tip_force_n, LOADS.gravity_m_s2))
+    pressures = tuple(reversed(LOADS.pressures_gauge_mpa))
+    mirrored = found(model, MuscleLoads(pressures, force, -LOADS.tip_torque_n_mm, gravity))
     assert mirrored.tip.position_mm == pytest.approx(loaded.tip.position_mm * (1.0, -1.0, 1.0), abs=1e-6)
     assert mirrored.tip.direction == pytest.approx(loaded.tip.direction * (1.0, -1.0, 1.0), abs=1e-6)
     assert abs(loaded.tip.roll_rad) > math.radians(1.0)
