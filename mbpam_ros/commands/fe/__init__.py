@@ -11,7 +11,8 @@ VERBS = (
     Verb("curve", "one design: bend against pressure", "fe.curve"),
     Verb("effects", "effect of a, b, c and n, as figure 6", "fe.effects", resumes=True),
     Verb("ablations", "what each choice of the model does to the error", "fe.ablations", resumes=True),
-    Verb("law", "M(p, kappa), V(p, kappa) and stretch of the initial design", "fe.law", resumes=True),
+    Verb("mesh", "error of the meshes, by refinement", "fe.mesh", resumes=True),
+    Verb("law", "M(p, kappa), V(p, kappa), stretch, EA and GJ of the initial design", "fe.law", resumes=True),
     Verb("unequal", "unit cells with unequal chamber pressures", "fe.unequal", resumes=True),
     Verb("whole", "the whole muscle in three dimensions, free and at a plate", "fe.whole", resumes=True),
 )

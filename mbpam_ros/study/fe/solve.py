@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -18,11 +19,14 @@ from mbpam_ros.errors import MbpamError
 LinearSolver = Callable[[csr_matrix, NDArray[np.float64]], NDArray[np.float64]]
 Residual = Callable[[NDArray[np.float64], float], NDArray[np.float64]]
 Tangent = Callable[[NDArray[np.float64], float], csr_matrix]
+Equilibrium = tuple[float, NDArray[np.float64]]
+"""Load parameter and unknowns."""
 Accept = Callable[[NDArray[np.float64], float], bool]
 Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 SOLVERS = ("pardiso", "superlu")
 _ROUNDING = 1e-9
+_EXTRAPOLATED = 4  # equilibria through which the next guess is laid
 _FACTORISE_AND_SOLVE = 23  # Pardiso's phases, without the first: the analysis of the pattern
 
 
@@ -163,32 +167,30 @@ def follow_load(
     control: StepControl | None = None,
     accept: Accept | None = None,
     chart: Chart | None = None,
+    earlier: Sequence[Equilibrium] = (),
 ) -> NDArray[np.float64]:
     """Return the unknowns at load parameter 1, following equilibria from ``start`` at 0.
 
-    Each step starts from the line through the last two equilibria; Newton's method then converges quadratically.
-    A step that does not converge is halved, an easy one is followed by one 1.5 times as long.
+    Each step starts from the cubic through the last four equilibria (in a chart the line through two); Newton's method
+    then converges quadratically. A step that does not converge is halved, an easy one is followed by one 1.5 times as
+    long.
 
     Args:
         residual, tangent: forces out of balance and their derivative, of (unknowns, load parameter).
         accept: told every equilibrium before the next step. False: the problem is another one now (a node has touched
             something), find the equilibrium again.
         chart: see :class:`Chart`; by default the unknowns are their own coordinates.
+        earlier: other equilibria, at loads below 0 or above 1, the last one nearest.
 
     Raises:
         LoadStepError: the smallest step found no equilibrium: a limit point, or an element turned inside out.
     """
     control = control or StepControl()
     load, step, unknowns = 0.0, control.first_step, start
-    before: tuple[float, NDArray[np.float64]] | None = None
+    passed: list[Equilibrium] = [*earlier[1 - _EXTRAPOLATED :], (load, start)]
     while load < 1.0:
         wanted = load + step if load + step < 1.0 - _ROUNDING else 1.0  # ten steps of 0.1 end at 1, not just before
-        guess = unknowns
-        if before is not None:
-            ratio = (wanted - load) / (load - before[0])
-            guess = (
-                chart.extrapolated(before[1], unknowns, ratio) if chart else unknowns + ratio * (unknowns - before[1])
-            )
+        guess = _extrapolated(passed, wanted, chart)
         try:
             found, iterations = _newton(residual, tangent, guess, wanted, solve, control, chart)
             for _ in range(control.most_revisions):
@@ -203,10 +205,26 @@ def follow_load(
             if step < control.smallest_step:
                 raise LoadStepError(f"no equilibrium beyond load parameter {load:.4f}: {error}", load) from error
             continue
-        before, load, unknowns = (load, unknowns), wanted, found
+        load, unknowns = wanted, found
+        passed = [*passed[1 - _EXTRAPOLATED :], (load, unknowns)]
         if iterations <= 5:
             step = min(1.5 * step, control.largest_step)
     return unknowns
+
+
+def _extrapolated(passed: Sequence[Equilibrium], wanted: float, chart: Chart | None) -> NDArray[np.float64]:
+    """The polynomial (in a chart the line) through the last equilibria, at the load ``wanted``."""
+    if len(passed) < 2:
+        return passed[-1][1]
+    if chart:
+        (earlier, before), (load, here) = passed[-2:]
+        return chart.extrapolated(before, here, (wanted - load) / (load - earlier))
+    loads = [load for load, _ in passed]
+    guess = np.zeros_like(passed[-1][1])
+    for load, unknowns in passed:
+        others = [other for other in loads if other != load]
+        guess += math.prod((wanted - other) / (load - other) for other in others) * unknowns
+    return guess
 
 
 def _newton(
