@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from mbpam_ros.commands.fe.model import (
+    add_mesh,
     add_model,
     add_pictures,
     add_points,
@@ -28,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_result(parser, "where runs and errors go")
     add_points(parser, "six that are far apart")
     add_reading(parser)
+    add_mesh(parser)
     add_model(parser)
     add_pictures(parser)
     add_workers(parser)

@@ -1,6 +1,6 @@
 """One design in the paper's posture: bend against pressure.
 
-mbpam fe curve 2.5,2,2.1,14 --pattern psc --json FILE
+mbpam fe curve 2.5,2,2.3,14 --pattern psc --json FILE
 """
 
 from __future__ import annotations
@@ -8,9 +8,10 @@ from __future__ import annotations
 import argparse
 import time
 
-from mbpam_ros.commands.fe.model import add_model, add_result, check_result, run_of
+from mbpam_ros.commands.fe.model import add_mesh, add_model, add_result, check_result, run_of
 from mbpam_ros.study.fe.design_run import S_PER_JOB, bend_curve
 from mbpam_ros.study.fe.mesh import PATTERNS
+from mbpam_ros.study.fe.mesh_error import mesh_error_pct, mesh_error_text
 from mbpam_ros.study.fe.paper_comparison import CURVE_KPA
 from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import Progress, announce
@@ -21,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("design", type=_design, metavar="A,B,C,N", help="lengths a, b, c in mm, number of waves")
     parser.add_argument("--pattern", choices=PATTERNS, default="pdc", help="chambers under pressure (default: pdc)")
     add_result(parser, "where the curve goes")
+    add_mesh(parser)
     add_model(parser)
 
 
@@ -31,9 +33,10 @@ def run(options: argparse.Namespace) -> int:
     announce("one bend curve", S_PER_JOB, progress.stream)
     begun_s = time.monotonic()
     curve = bend_curve(wanted, CURVE_KPA)
-    write_json(options.json, curve)
+    write_json(options.json, {**curve, "mesh_error_pct": mesh_error_pct(wanted.resolution)})
     passed_s = time.monotonic() - begun_s
     progress.say(f"{curve['p_kpa'][-1]:g} kPa: {curve['theta_deg'][-1]:.2f} deg; the curve took {passed_s:.1f} s")
+    progress.say(mesh_error_text(wanted.resolution))
     return 0
 
 

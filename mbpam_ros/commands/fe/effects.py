@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from mbpam_ros.commands.fe.model import (
+    add_mesh,
     add_model,
     add_pictures,
     add_reading,
@@ -17,6 +18,7 @@ from mbpam_ros.commands.fe.model import (
 )
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.study.fe.effects import LEVELS, effects
+from mbpam_ros.study.fe.mesh_error import mesh_error_text
 from mbpam_ros.study.fe.pictures import draw_effects
 from mbpam_ros.terminal import Progress
 
@@ -25,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     add_result(parser, "where designs and trends go")
     add_reading(parser)
+    add_mesh(parser)
     add_model(parser)
     add_pictures(parser)
     add_workers(parser)
@@ -40,6 +43,7 @@ def run(options: argparse.Namespace) -> int:
     for row in result["trends"]:
         verdict = "agrees" if row["agrees"] else "DISAGREES"
         progress.say(f"{row['parameter']} {row['quantity']}: {row['found']} (paper: {row['paper']}) {verdict}")
+    progress.say(mesh_error_text(template.resolution))
     if pictures and result["designs"]:
         picture = options.json.with_suffix(".png")
         draw_effects(result["designs"], picture)

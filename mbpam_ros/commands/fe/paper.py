@@ -6,6 +6,7 @@ import argparse
 import json
 
 from mbpam_ros.commands.fe.model import (
+    add_mesh,
     add_model,
     add_pictures,
     add_points,
@@ -19,6 +20,7 @@ from mbpam_ros.commands.fe.model import (
     tell_pictures,
 )
 from mbpam_ros.commands.workers import add_workers, executor_for
+from mbpam_ros.study.fe.mesh_error import mesh_error_text
 from mbpam_ros.study.fe.paper_comparison import compare_with_paper, draw_comparison
 from mbpam_ros.terminal import Progress
 
@@ -28,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_result(parser, "where the comparison goes")
     add_points(parser, "all")
     add_reading(parser)
+    add_mesh(parser)
     add_model(parser)
     add_pictures(parser)
     add_workers(parser)
@@ -41,6 +44,7 @@ def run(options: argparse.Namespace) -> int:
         pictures = can_draw(options, progress)
         result = compare_with_paper(template, options.json, executor, progress, points)
         progress.say(json.dumps(result["errors"], indent=1))
+        progress.say(mesh_error_text(template.resolution))
         if pictures and result["points"]:
             tell_pictures(progress, draw_comparison(template, result, options.json, executor, progress))
     return status_of(result)

@@ -15,6 +15,7 @@ from pathlib import Path
 from mbpam_ros.study.fe.blocked_muscle import blocked_force_n
 from mbpam_ros.study.fe.design_run import NO_EQUILIBRIUM, S_PER_JOB, Run, nominal_values, settings
 from mbpam_ros.study.fe.mesh import CellGeometry
+from mbpam_ros.study.fe.mesh_error import mesh_error_pct
 from mbpam_ros.study.fe.paper_comparison import INITIAL_A_MM, INITIAL_B_MM, paper_points
 from mbpam_ros.study.jobs import ResultFile, run_jobs
 from mbpam_ros.terminal import Progress
@@ -73,7 +74,13 @@ def effects(template: Run, path: Path, executor: Executor, progress: Progress) -
             values = results.rows[_name(geometry)]
             known = _paper_values(geometry, initial)
             rows.append({"parameter": parameter, "level": level, **known, **{name: values[name] for name in _REPORTED}})
-    return results.write(list(jobs), trends=_trends(rows), failures=failures, designs=rows)
+    return results.write(
+        list(jobs),
+        trends=_trends(rows),
+        mesh_error_pct=mesh_error_pct(template.resolution),
+        failures=failures,
+        designs=rows,
+    )
 
 
 def design_row(run: Run) -> dict[str, object]:

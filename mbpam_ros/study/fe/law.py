@@ -16,7 +16,11 @@ from scipy.interpolate import PchipInterpolator
 
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.fe.section_stiffness import SectionStiffness, section_stiffness
+from mbpam_ros.study.fe.solve import StepControl
 from mbpam_ros.study.fe.unit_cell import CellState, UnitCell
+
+SHORT_WAY = StepControl(first_step=1.0, largest_step=1.0)
+"""From one pressure or bend of a curve to the next one step is enough; one that is not is halved."""
 
 
 class LawError(MbpamError, ValueError):
@@ -76,10 +80,10 @@ class BendingLaw:
             LoadStepError: it could not be reached.
         """
         angle = bend_rad / self._cell.angle_per_muscle
-        nearest = min(self._states, key=lambda state: abs(state.angle_rad - angle))
+        *others, nearest = sorted(self._states, key=lambda state: -abs(state.angle_rad - angle))
         if math.isclose(nearest.angle_rad, angle, abs_tol=1e-12):
             return
-        self._states.append(self._cell.held_bend(self.pressure_gauge_mpa, angle, nearest))
+        self._states.append(self._cell.held_bend(self.pressure_gauge_mpa, angle, nearest, others, SHORT_WAY))
         self._states.sort(key=lambda state: state.angle_rad)
 
     def cover(self, lowest_n_mm: float, highest_n_mm: float, step_rad: float) -> None:

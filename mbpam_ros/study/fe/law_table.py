@@ -16,6 +16,7 @@ import numpy as np
 from mbpam_ros.study.fe.design_run import NO_EQUILIBRIUM, S_PER_JOB, Run, settings
 from mbpam_ros.study.fe.law import BendingLaw
 from mbpam_ros.study.fe.mesh import PATTERNS
+from mbpam_ros.study.fe.mesh_error import mesh_error_pct
 from mbpam_ros.study.fe.solve import LoadStepError
 from mbpam_ros.study.jobs import ResultFile, run_jobs
 from mbpam_ros.terminal import Progress
@@ -86,7 +87,7 @@ def law_table(run: Run, path: Path, executor: Executor, progress: Progress) -> d
     failures = run_jobs(
         jobs, law_at_pressure, results, executor, progress, _name, failing=NO_EQUILIBRIUM, s_per_job=S_PER_JOB
     )
-    return results.write(list(jobs), failures=failures)
+    return results.write(list(jobs), mesh_error_pct=mesh_error_pct(run.resolution), failures=failures)
 
 
 def _name(row: dict) -> str:

@@ -24,6 +24,7 @@ from mbpam_ros.study.fe.design_run import (
     settings,
 )
 from mbpam_ros.study.fe.mesh import PATTERNS
+from mbpam_ros.study.fe.mesh_error import mesh_error_pct
 from mbpam_ros.study.fe.muscle_shape import MuscleShape, muscle_shapes
 from mbpam_ros.study.fe.pictures import draw_curves, draw_muscles, draw_parity, draw_sections
 from mbpam_ros.study.jobs import ResultFile, run_jobs
@@ -123,7 +124,12 @@ def compare_with_paper(
     )
     wanted = [point.source for point in points]
     rows = [results.rows[source] for source in wanted if source in results.rows]
-    return results.write(wanted, errors=error_summary(rows), failures=failures)
+    return results.write(
+        wanted,
+        errors=error_summary(rows),
+        mesh_error_pct=mesh_error_pct(template.resolution),
+        failures=failures,
+    )
 
 
 def draw_comparison(template: Run, comparison: dict, path: Path, executor: Executor, progress: Progress) -> list[Path]:

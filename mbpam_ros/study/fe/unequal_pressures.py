@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.study.fe.design_run import NO_EQUILIBRIUM, Run, settings
-from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.fe.unit_cell import CellState, UnitCell
 from mbpam_ros.study.jobs import ResultFile, run_jobs
 from mbpam_ros.study.result_file import write_json
@@ -127,7 +126,7 @@ def unequal_rows(run: Run, shares: Sequence[float]) -> list[dict[str, object]]:
 
 
 def _cell(run: Run, pattern: str, shares: dict[int, float]) -> UnitCell:
-    return UnitCell(run.geometry, pattern, run.resolution, run.silicone, shares=shares)
+    return UnitCell(run.geometry, pattern, run.resolution, run.silicone, shares=shares, self_contact=run.self_contact)
 
 
 def unequal_set(run: Run, shares: Sequence[float]) -> dict[str, object]:
@@ -135,15 +134,17 @@ def unequal_set(run: Run, shares: Sequence[float]) -> dict[str, object]:
     return {"shares": list(shares), "rows": unequal_rows(run, shares)}
 
 
-def unequal_table(path: Path, executor: Executor, progress: Progress) -> dict:
+def unequal_table(run: Run, path: Path, executor: Executor, progress: Progress) -> dict:
     """Run all sets of :data:`SHARES` and return their rows.
 
     The finished sets are kept in a file beside ``path``, from which the next call goes on.
 
+    Args:
+        run: the design; its pattern is not used.
+
     Raises:
         ResultFileError: that is no file of this command.
     """
-    run = Run(CellGeometry(), "psc")
     wanted = {**settings(run), "design": {"a_mm": run.geometry.a_mm, "b_mm": run.geometry.b_mm}}
     results = ResultFile(path.with_name(f"{path.stem}_sets.json"), wanted, "sets", lambda row: _name(row["shares"]))
     jobs = {_name(shares): (run, shares) for shares in SHARES}

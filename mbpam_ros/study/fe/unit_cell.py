@@ -23,7 +23,7 @@ section's weight.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +32,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 
 from mbpam_ros.study.fe.chamber_volume import ChamberVolume
 from mbpam_ros.study.fe.material import Silicone
-from mbpam_ros.study.fe.mesh import CellGeometry, Resolution, unit_cell_mesh
+from mbpam_ros.study.fe.mesh import CONVERGED, CellGeometry, Resolution, unit_cell_mesh
 from mbpam_ros.study.fe.self_contact import Clearance, SelfContact, clearance
 from mbpam_ros.study.fe.solid_body import SolidBody
 from mbpam_ros.study.fe.solve import LinearSolver, LoadStepError, StepControl, follow_load, linear_solver
@@ -97,7 +97,7 @@ class UnitCell:
     ) -> None:
         self.geometry = geometry
         self.pattern = pattern
-        self.resolution = resolution or Resolution()
+        self.resolution = resolution or CONVERGED
         self.silicone = silicone or Silicone()
         self.half_waves = half_waves
         self.mesh = unit_cell_mesh(geometry, self.resolution, pattern, half_waves)
@@ -137,8 +137,15 @@ class UnitCell:
         """Return the state without pressure and bend."""
         return self._state(self._rest.copy(), 0.0)
 
-    def free_bend(self, pressure_gauge_mpa: float, start: CellState | None = None) -> CellState:
+    def free_bend(
+        self, pressure_gauge_mpa: float, start: CellState | None = None, earlier: Sequence[CellState] = ()
+    ) -> CellState:
         """Return the equilibrium without outer moment, following the pressure from ``start`` (default: at rest).
+
+        Args:
+            pressure_gauge_mpa: where to.
+            start: a free state.
+            earlier: free states on the way to ``start``, to begin from a better guess.
 
         Raises:
             LoadStepError: the pressure could not be reached.
@@ -156,16 +163,31 @@ class UnitCell:
                 start.unknowns,
                 self._solve,
                 self._control,
+                earlier=[
+                    ((state.pressure_gauge_mpa - begin) / (pressure_gauge_mpa - begin), state.unknowns)
+                    for state in earlier
+                ],
             )
         except LoadStepError as error:
             reached = 1e3 * pressure(error.reached)
             raise LoadStepError(f"free bend stopped at {reached:.2f} kPa: {error}", reached) from error
         return self._state(unknowns, pressure_gauge_mpa)
 
-    def held_bend(self, pressure_gauge_mpa: float, angle_rad: float, start: CellState | None = None) -> CellState:
+    def held_bend(
+        self,
+        pressure_gauge_mpa: float,
+        angle_rad: float,
+        start: CellState | None = None,
+        earlier: Sequence[CellState] = (),
+        control: StepControl | None = None,
+    ) -> CellState:
         """Return the equilibrium with the end plane held at phi = ``angle_rad``, psi = 0, free to move along the axis.
 
-        Pressure and angle go there from ``start`` together.
+        Args:
+            pressure_gauge_mpa, angle_rad: where to, both together.
+            start: where from; by default at rest.
+            earlier: states of the same pressure, to begin from a better guess; the last one is nearest.
+            control: of the load steps; by default the cell's.
 
         Raises:
             LoadStepError: the state could not be reached.
@@ -187,7 +209,10 @@ class UnitCell:
                 lambda q, load: self.tangent(unknowns_at(q, load), pressure(load))[kept][:, kept],
                 start.unknowns[kept],
                 self._solve,
-                self._control,
+                control or self._control,
+                earlier=[
+                    ((state.angle_rad - begin[0]) / (angle_rad - begin[0]), state.unknowns[kept]) for state in earlier
+                ],
             )
         except LoadStepError as error:
             part = error.reached

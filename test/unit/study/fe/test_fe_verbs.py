@@ -1,3 +1,4 @@
+import argparse
 import json
 import os
 import signal
@@ -9,9 +10,10 @@ import pytest
 pytest.importorskip("felupe")
 
 from mbpam_ros.commands.fe import curve, paper
+from mbpam_ros.commands.fe.model import run_of
 from mbpam_ros.commands.mbpam import main
-from mbpam_ros.study.fe.design_run import Run, settings
-from mbpam_ros.study.fe.mesh import CellGeometry
+from mbpam_ros.study.fe.design_run import MESHES, Run, settings
+from mbpam_ros.study.fe.mesh import CONVERGED, FAST, CellGeometry
 from mbpam_ros.study.fe.solve import LoadStepError
 
 COMMAND = [sys.executable, "-u", "-m", "mbpam_ros.commands", "fe"]
@@ -50,6 +52,7 @@ def test_what_cannot_be_run_is_said_in_one_line(arguments, capsys, tmp_path, mon
         (["curve", "2.5,2,2.1,14", "--pattern", "all", "--json", "x"], "'all'"),
         (["curve", "2.5,2,2.1,14", "--wall", "2", "--json", "x"], "--wall"),
         (["law", "x", "--json", "y"], "x"),
+        (["law", "--fast", "--mesh", "coarse", "--json", "y"], "--mesh"),
     ],
 )
 def test_arguments_that_mean_nothing_are_refused_in_one_line(arguments, named, capsys):
@@ -76,7 +79,7 @@ def test_a_design_gives_its_curve_and_nothing_else(monkeypatch, tmp_path, capsys
     path = tmp_path / "x.json"
     assert main(["fe", "curve", "1.5,2,3,14", "--pattern", "psc", "--mesh", "coarse", "--json", str(path)]) == 0
     found = json.loads(path.read_text())
-    assert set(found) == {"p_kpa", "theta_deg"}
+    assert set(found) == {"p_kpa", "theta_deg", "mesh_error_pct"}
     assert found["p_kpa"] == [0.0, 20.0]
     assert found["theta_deg"][0] == pytest.approx(0.0, abs=1e-6) and found["theta_deg"][1] > 1.0
     assert "the curve took" in capsys.readouterr().out
@@ -97,6 +100,23 @@ def test_fillets_and_contact_reach_the_run_and_its_settings(monkeypatch, tmp_pat
     told, default = settings(run), settings(Run(CellGeometry(), "pdc"))
     assert told["geometry"]["wave_fillet_mm"] == 1.4 and "arcs" in told["convention"]
     assert "self-contact" in default["not_modelled"] and "self-contact" not in told["not_modelled"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "resolution", "wall_mm"),
+    [
+        ([], CONVERGED, 2.3),
+        (["--fast"], FAST, 2.1),
+        (["--mesh", "trilinear"], FAST, 2.1),
+        (["--fast", "--wall", "2.2"], FAST, 2.2),
+        (["--mesh", "coarse"], MESHES["coarse"], 2.3),
+    ],
+)
+def test_the_fast_mesh_comes_with_its_wall(arguments, resolution, wall_mm):
+    parser = argparse.ArgumentParser()
+    paper.add_arguments(parser)
+    run = run_of(parser.parse_args([*arguments, "--json", "x"]))
+    assert (run.resolution, run.geometry.c_mm) == (resolution, wall_mm)
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])

@@ -17,12 +17,12 @@ BOTH_PATTERNS = pytest.mark.parametrize("pattern", ["pdc", "psc"])
 def test_the_bend_row_without_axial_force_is_the_slope_of_the_held_states(pattern):
     cell = UnitCell(CellGeometry(), pattern, SMALL)
     held = cell.held_bend(PRESSURE_MPA, ANGLE_RAD)
-    found, step = section_stiffness(cell, held), 1e-4
+    found, step = section_stiffness(cell, held), 3e-4
     ahead, behind = (cell.held_bend(PRESSURE_MPA, ANGLE_RAD + sign * step, held) for sign in (1.0, -1.0))
     per_curvature = cell.mesh.length_mm / (2.0 * step)
-    assert found.bend_n_mm2 == pytest.approx((ahead.moment_n_mm - behind.moment_n_mm) * per_curvature, rel=1e-6)
+    assert found.bend_n_mm2 == pytest.approx((ahead.moment_n_mm - behind.moment_n_mm) * per_curvature, rel=1e-5)
     stretched = (ahead.axis_stretch - behind.axis_stretch) * per_curvature
-    assert found.stretch_per_curvature_mm == pytest.approx(stretched, rel=1e-6)
+    assert found.stretch_per_curvature_mm == pytest.approx(stretched, rel=1e-5)
 
 
 def test_turning_the_bent_sections_takes_the_moment_over_the_curvature_and_what_four_arms_add():
