@@ -233,7 +233,7 @@ def rod_at_rest(
         RodSolutionError: the equilibrium was lost on the way; the message says where.
     """
     of = loads if loads is not None else RodLoads()
-    sections = _Sections(section, ends)
+    sections = _Sections(RodSection(*map(float, section)), RodSection(*map(float, ends)))
     shape, points = _shape(geometry), np.empty((steps + 2 * END_STEPS + 1, 3))
     tip, nothing = _unloaded_tip(section, shape), np.zeros(7)
     weight, everything = (_packed(of, geometry, share) for share in (0.0, 1.0))
