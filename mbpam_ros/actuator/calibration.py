@@ -120,6 +120,8 @@ def calibrated_rod_law(
 def pattern_loads(law: RodLaw, pattern: str, pressure_gauge_pa: ArrayLike) -> list[RodLoad]:
     """Return the rod of ``psc`` or ``pdc`` at each pressure, its axis stretching as in the unit cell.
 
+    An axial force stretches it by 1 / EA where the law knows EA.
+
     Raises:
         ValueError: another pattern.
         ConfigError: the stored law is missing or unreadable.
@@ -130,8 +132,12 @@ def pattern_loads(law: RodLaw, pattern: str, pressure_gauge_pa: ArrayLike) -> li
     straight, slope = (
         np.interp(pressure, cell.pressure_gauge_pa, table) for table in (cell.straight_stretch, cell.stretch_slope_m)
     )
-    rows = np.stack([moment, stiffness, straight, slope], axis=-1).tolist()
-    return [RodLoad(row[0], row[1], AxisStretch(row[2], row[3])) for row in rows]
+    strains = {"pdc": law.pdc_strains, "psc": law.psc_strains}[pattern]
+    compliance = np.zeros_like(moment)
+    if strains is not None:
+        compliance = 1.0 / np.interp(pressure, law.pressure_gauge_pa, strains.axial_stiffness_n)
+    rows = np.stack([moment, stiffness, straight, slope, compliance], axis=-1).tolist()
+    return [RodLoad(row[0], row[1], AxisStretch(*row[2:])) for row in rows]
 
 
 def _factors(
