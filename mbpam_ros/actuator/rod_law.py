@@ -41,8 +41,8 @@ vector along the bend), log EA and log GJ are sums over the chambers,
 
 for c with n_i before the bracket and sqrt(2) for the 2 of the gain g. Again PSC and PDC come back exactly, turns and
 mirrors of the pressures turn and mirror c and change nothing of the others, and all is continuous. Sums of logarithms
-keep EA and GJ positive for all pressures. Against the unequal sets, epsilon_0 is off by at most 4 % of it, but by 13 %
-for all four chambers at 100 kPa (0.390 instead of 0.346; 10 % at 80 kPa); what an opposite chamber would add as a
+keep EA and GJ positive for all pressures. Against the unequal sets, epsilon_0 is off by at most 4.5 % of it, but by
+13 % for all four chambers at 100 kPa (0.390 instead of 0.346; 10 % at 80 kPa); what an opposite chamber would add as a
 neighbour does makes these worse (6 to 9 % for the two of one diagonal). For EA and GJ there are no unequal sets.
 """
 
@@ -52,6 +52,7 @@ import functools
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +62,7 @@ from scipy.interpolate import PchipInterpolator
 from mbpam_ros.actuator.bending_law import CellLaw, stored_cell_laws
 from mbpam_ros.actuator.chamber_blend import BlendTables, StrainTables, blend, blend_strains
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER
+from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.errors import MbpamError
 
 NOMINAL_PRESSURE_GAUGE_PA = 100e3
@@ -303,9 +305,9 @@ def _stiffened(strains: StrainLaw | None, factor: NDArray[np.float64]) -> Strain
     )
 
 
-@functools.lru_cache(maxsize=1)
-def finite_element_rod_law() -> RodLaw:
-    """Return the law of the finite element unit cell at a = 2.5, b = 2.0 mm, as in ``config/data``.
+@functools.lru_cache(maxsize=4)
+def finite_element_rod_law(name: str | Path = LAW_FILE) -> RodLaw:
+    """Return the law of the finite element unit cell, by default that at a = 2.5, b = 2.0 mm in ``config/data``.
 
     B(p) and the free curvature M0 / B are interpolated monotonically (PCHIP) over pressure and continued above 120 kPa
     with their end slopes, the free stretch and the logarithms of EA and GJ likewise. Without pressure the two patterns'
@@ -315,7 +317,7 @@ def finite_element_rod_law() -> RodLaw:
         ConfigError: the law is missing or unreadable.
     """
     grid = np.arange(0.0, LARGEST_PRESSURE_GAUGE_PA + _GRID_STEP_PA, _GRID_STEP_PA)
-    laws = stored_cell_laws()
+    laws = stored_cell_laws(name)
     start = 0.5 * sum(float(law.stiffness_n_m2[0]) for law in laws.values())
     tables = {}
     for pattern, law in laws.items():

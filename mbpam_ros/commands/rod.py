@@ -5,8 +5,9 @@
     mbpam rod --strains bend                                 a rod that cannot stretch or twist
 
 Frame: origin at the clamp, z toward the tip of the straight muscle, the cross's arms along x and y. The same arguments
-and keys as "mbpam fe muscle". The law is by default the finite elements' (config); --law calibrated takes the one that
-plant and estimator run on, scaled to the design's and target's angle and force in the gripper file.
+and keys as "mbpam fe muscle". The law is by default that of finite elements in the configuration (config). --law
+calibrated takes the one that plant and estimator run on, scaled to the angle and force that the gripper file asks for,
+--law FILE another of "mbpam fe law".
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import Any
 from mbpam_ros.actuator.bending_law import stored_shear_modulus_pa
 from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.elastic_rod import RIGID, STRAINS, check_strains, solid_end
+from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.actuator.rod_law import RodLaw, finite_element_rod_law
 from mbpam_ros.commands.muscle_state import add_muscle_state, muscle_state
 from mbpam_ros.gripper import Gripper, load_gripper
@@ -34,7 +36,6 @@ from mbpam_ros.study.muscle_states import (
 )
 from mbpam_ros.study.result_file import write_json
 
-LAWS = ("config", "calibrated")
 ENDS = ("rigid", "silicone")
 
 
@@ -51,9 +52,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAMES",
         help=f"what the rod may do (default: {','.join(STRAINS)})",
     )
-    parser.add_argument("--law", choices=LAWS, default="config", help="default: config")
+    parser.add_argument("--law", default="config", metavar="LAW", help="config, calibrated or a file (default: config)")
     parser.add_argument(
-        "--ends", choices=ENDS, default="rigid", help="rigid, as in the plant, or solid silicone (default: rigid)"
+        "--ends",
+        choices=ENDS,
+        default="silicone",
+        help="solid silicone, as the finite elements', or rigid, as the plant's (default: silicone)",
     )
     parser.add_argument("--gripper", default="gripper.yaml", metavar="YAML", help="the muscle (default: gripper.yaml)")
     parser.add_argument(
@@ -68,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
     geometry = gripper.geometry
     if options.mass_per_length is not None:
         geometry = replace(geometry, mass_per_length_kg_m=options.mass_per_length)
-    ends = RIGID if options.ends == "rigid" else solid_end(stored_shear_modulus_pa(), geometry)
+    ends = RIGID if options.ends == "rigid" else solid_end(stored_shear_modulus_pa(_file(options.law)), geometry)
     model = RodModel(_law(options.law, gripper), geometry, options.strains, ends)
     told: dict[str, Any] = {
         "strains": list(options.strains),
@@ -92,9 +96,14 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _law(name: str, gripper: Gripper) -> RodLaw:
-    if name == "config":
-        return finite_element_rod_law()
-    return calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
+    if name == "calibrated":
+        return calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
+    return finite_element_rod_law(_file(name))
+
+
+def _file(name: str) -> str:
+    """The file that the finite elements' law is in."""
+    return LAW_FILE if name in ("config", "calibrated") else name
 
 
 def _strains(text: str) -> tuple[str, ...]:

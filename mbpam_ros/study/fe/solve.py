@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,7 @@ Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 SOLVERS = ("pardiso", "superlu")
 _ROUNDING = 1e-9
+_FACTORISE_AND_SOLVE = 23  # Pardiso's phases, without the first: the analysis of the pattern
 
 
 class LoadStepError(MbpamError, RuntimeError):
@@ -55,8 +58,36 @@ def linear_solver(name: str | None = None, symmetric: bool = True) -> LinearSolv
     if not symmetric:
         general = pypardiso.PyPardisoSolver(mtype=11)
         return lambda matrix, right: general.solve(matrix.sorted_indices(), right)
-    solver = pypardiso.PyPardisoSolver(mtype=-2)  # symmetric, indefinite: it wants the upper triangle
-    return lambda matrix, right: solver.solve(triu(matrix, format="csr").sorted_indices(), right)
+    return _SymmetricPardiso(pypardiso)
+
+
+class _SymmetricPardiso:
+    """Pardiso for symmetric, indefinite matrices.
+
+    The order of elimination, two thirds of the work, depends on the pattern alone and is kept until that changes.
+    (Pardiso looks at the values, too, for general matrices.)
+    """
+
+    def __init__(self, pypardiso: ModuleType) -> None:
+        self._solver = pypardiso.PyPardisoSolver(mtype=-2)
+        self._pattern: tuple[NDArray[np.int32], NDArray[np.int32]] | None = None
+        weakref.finalize(self, self._solver.free_memory, True)
+
+    def __call__(self, matrix: csr_matrix, right: NDArray[np.float64]) -> NDArray[np.float64]:
+        upper = triu(matrix, format="csr").sorted_indices()
+        if not self._knows(upper):
+            self._solver.free_memory(True)
+            self._solver.factorize(upper)
+            self._pattern = upper.indptr, upper.indices
+            return self._solver.solve(upper, right)
+        self._solver.set_phase(_FACTORISE_AND_SOLVE)
+        return self._solver._call_pardiso(upper, np.asfortranarray(right))
+
+    def _knows(self, upper: csr_matrix) -> bool:
+        return self._pattern is not None and all(
+            np.array_equal(known, found)
+            for known, found in zip(self._pattern, (upper.indptr, upper.indices), strict=True)
+        )
 
 
 def _superlu(matrix: csr_matrix, right: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -73,6 +73,19 @@ def test_samples_that_make_no_law_are_refused(field, change, message):
         changed(law, **{field: change(getattr(law, field))})
 
 
+@BOTH_PATTERNS
+@pytest.mark.parametrize(
+    ("name", "worst", "at_100_kpa"), [("axial_stiffness_n", 0.12, 0.11), ("torsion_stiffness_n_m2", 0.071, 0.055)]
+)
+def test_axial_and_torsional_stiffness_change_with_the_bend_as_stated(pattern, name, worst, at_100_kpa):
+    law = LAWS[pattern]
+    straight = getattr(law, name)[:, np.flatnonzero(law.curvature_per_m == 0.0)[0]]
+    rise = law.free_stiffness(name) / straight - 1.0
+    assert np.abs(rise).max() < worst
+    if pattern == "pdc":
+        assert rise[10] == pytest.approx(at_100_kpa, abs=5e-3)
+
+
 def test_axial_and_torsional_stiffness_are_read_from_the_file_and_taken_at_the_free_bend(tmp_path, monkeypatch):
     content = json.loads(config_path(LAW_FILE).read_text(encoding="utf-8"))
     for row in content["tables"]:

@@ -62,6 +62,20 @@ def test_the_uncalibrated_law_returns_free_bend_and_straight_moment_of_the_unit_
     np.testing.assert_allclose(size, cell.straight_moment_n_m, atol=1e-9)
 
 
+@pytest.mark.parametrize(("pattern", "chambers"), [("psc", [1, 0, 0, 0]), ("pdc", [0, 0, 1, 1])])
+def test_the_uncalibrated_law_returns_stretch_and_stiffnesses_of_the_free_unit_cell(pattern, chambers):
+    cell, law = stored_cell_laws()[pattern], finite_element_rod_law()
+    pressure = cell.pressure_gauge_pa[1:, None] * np.array(chambers)
+    found, (moment, stiffness) = law.strain_law(pressure), law.moment_and_stiffness(pressure)
+    free = found.free_stretch + np.sum(found.stretch_per_curvature_m * moment, axis=1) / stiffness
+    expected = (cell.straight_stretch + cell.stretch_slope_m * cell.free_curvature_per_m - 1.0)[1:]
+    np.testing.assert_allclose(free, expected, atol=1e-9)
+    np.testing.assert_allclose(found.axial_stiffness_n, cell.free_stiffness("axial_stiffness_n")[1:], rtol=1e-9)
+    np.testing.assert_allclose(
+        found.torsion_stiffness_n_m2, cell.free_stiffness("torsion_stiffness_n_m2")[1:], rtol=1e-9
+    )
+
+
 @pytest.mark.parametrize("pattern", ["psc", "pdc"])
 def test_calibration_keeps_the_shape_of_pdcs_free_bend_and_nearly_that_of_pscs(pattern):
     """From 20 to 100 kPa relative to 100 kPa: what a user sees over pressure is the unit cell's nonlinearity."""

@@ -136,3 +136,14 @@ def test_unsymmetric_tangents_are_solved(name):
     matrix = csr_matrix([[2.0, 1.0, 0.0], [-0.5, 3.0, 0.2], [0.0, 0.7, 1.0]])
     right = np.array([3.0, 4.0, -1.0])
     assert matrix @ linear_solver(name, symmetric=False)(matrix, right) == pytest.approx(right)
+
+
+def test_a_solver_is_right_for_other_values_and_other_patterns_than_its_last():
+    pytest.importorskip("pypardiso")
+    solve, rng = linear_solver("pardiso"), np.random.default_rng(3)
+    for size, columns in ((6, 1), (6, 1), (6, 2), (9, 3), (6, 1)):
+        dense = rng.standard_normal((size, size))
+        matrix = csr_matrix(dense + dense.T)
+        right = rng.standard_normal((size, columns))
+        assert matrix @ solve(matrix, right) == pytest.approx(right)
+        assert matrix @ solve(matrix, right[:, 0]) == pytest.approx(right[:, 0])
