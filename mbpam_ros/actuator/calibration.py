@@ -140,6 +140,12 @@ def pattern_loads(law: RodLaw, pattern: str, pressure_gauge_pa: ArrayLike) -> li
     return [RodLoad(row[0], row[1], AxisStretch(*row[2:])) for row in rows]
 
 
+def _stiffened(load: RodLoad, stiffness_n_m2: float) -> AxisStretch:
+    """The stretch of a rod whose B is ``stiffness_n_m2`` instead of ``load``'s: EA goes with it (``RodLaw.scaled``)."""
+    softer = load.stiffness_n_m2 / stiffness_n_m2
+    return load.stretch._replace(compliance_per_n=softer * load.stretch.compliance_per_n)
+
+
 def _factors(
     pattern: str, target: PatternTarget, geometry: MuscleGeometry, pdc_stiffness: float | None = None
 ) -> PatternFactors:
@@ -150,7 +156,10 @@ def _factors(
 
     def trial(moment_factor: float) -> PatternFactors:
         moment = moment_factor * nominal.moment_n_m
-        stiffness = stiffness_for_tip_angle(target.theta_max_rad, moment, geometry, stretch=nominal.stretch)
+        stiffness = nominal.stiffness_n_m2
+        for _ in range(2):  # EA goes with B, and moves the angle by a hundred-thousandth
+            stretch = _stiffened(nominal, stiffness)
+            stiffness = stiffness_for_tip_angle(target.theta_max_rad, moment, geometry, stretch=stretch)
         return PatternFactors(moment_factor, stiffness / nominal.stiffness_n_m2)
 
     def excess(log_factor: float) -> float:
@@ -158,7 +167,7 @@ def _factors(
         common = factors.stiffness if pdc_stiffness is None else pdc_stiffness
         stiffness = law.scaled_stiffness(pattern, _PRESSURES_PA, factors.stiffness, common).tolist()
         loads = [
-            RodLoad(factors.moment * load.moment_n_m, value, load.stretch)
+            RodLoad(factors.moment * load.moment_n_m, value, _stiffened(load, value))
             for load, value in zip(unscaled, stiffness, strict=True)
         ]
         return math.log(blocked_path(loads, geometry)[-1].push_n / target.f_max_n)
