@@ -4,7 +4,8 @@ Per pattern (PDC, PSC) two factors, on M0 and on B, such that the planar rod in 
 down, tip up, weight on) has at 100 kPa the tip angle theta_max when it is free
 (:mod:`~mbpam_ros.actuator.planar_rod`) and pushes with F_max when a plate blocks its tip, with friction and large
 deflection (:mod:`~mbpam_ros.actuator.blocked_rod`). The shapes over pressure and the stretch of the axis stay those of
-the finite element unit cell.
+the finite element unit cell; EA goes with B, and an axial force stretches and bends the rod as it does the full one
+(:mod:`~mbpam_ros.actuator.elastic_rod`), which therefore returns the angle to 0.001 %.
 
 For each trial factor on M0 the angle alone gives B; the secant method then finds the factor that gives the force. The
 pressure is raised in steps of 5 kPa, because friction remembers; halving them changes the force by less than 0.2 %.
