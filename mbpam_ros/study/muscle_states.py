@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,12 +118,14 @@ class RodModel:
         geometry: of the muscle.
         strains: what the active part may do.
         ends: section of the two ends.
+        bending: how the active part's moment follows its curvature, ``line`` or ``curve``.
     """
 
     law: RodLaw
     geometry: MuscleGeometry
     strains: tuple[str, ...]
     ends: RodSection = RIGID
+    bending: str = "line"
 
 
 def rod_answer(state: MuscleState, model: RodModel) -> dict[str, Any]:
@@ -134,7 +136,7 @@ def rod_answer(state: MuscleState, model: RodModel) -> dict[str, Any]:
         StrainLawError: the law says nothing of a strain.
         RodSolutionError: the rod has no equilibrium there.
     """
-    section = rod_section(model.law, state.pressure_gauge_pa, model.strains)
+    section = rod_section(model.law, state.pressure_gauge_pa, model.strains, model.bending)
     rod = rod_at_rest(section, model.geometry, state.loads(), ends=model.ends)
     return {
         **{name: list(value) if isinstance(value, tuple) else value for name, value in asdict(state).items()},
@@ -145,15 +147,30 @@ def rod_answer(state: MuscleState, model: RodModel) -> dict[str, Any]:
     }
 
 
-def read_states(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of a file of answered states, ``{"states": [...]}``.
+class AnsweredStates(NamedTuple):
+    """A file of states and someone's answers.
+
+    Args:
+        rows: a mapping a state.
+        mass_per_length_kg_m: of the muscle that answered, ``settings: mass_per_length_kg_m: waves``; None: not said.
+    """
+
+    rows: list[dict[str, Any]]
+    mass_per_length_kg_m: float | None
+
+
+def read_states(path: Path) -> AnsweredStates:
+    """Return what a file of answered states holds, ``{"states": [...]}``.
 
     Raises:
         MuscleStateError: it cannot be read, or a row has no state or no answer; the message says which.
     """
     try:
-        rows = json.loads(path.read_text(encoding="utf-8"))["states"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        rows = content["states"]
+        mass = content.get("settings", {}).get("mass_per_length_kg_m", {}).get("waves")
+        mass_kg_m = None if mass is None else float(mass)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise MuscleStateError(f'{path}: no file of muscle states, {{"states": [...]}}: {error!r}') from error
     for number, row in enumerate(rows, 1):
         try:
@@ -161,7 +178,7 @@ def read_states(path: Path) -> list[dict[str, Any]]:
             _three(row["tip_position_mm"]), _three(row["tip_direction"]), float(row["tip_roll_deg"])
         except (MuscleStateError, KeyError, TypeError, ValueError) as error:
             raise MuscleStateError(f"{path}: state {number}: {error}") from error
-    return rows
+    return AnsweredStates(rows, mass_kg_m)
 
 
 def compared(rows: Sequence[dict[str, Any]], model: RodModel) -> list[dict[str, Any]]:

@@ -117,8 +117,10 @@ def test_a_rod_that_cannot_twist_is_off_as_its_displacements_say():
 def test_a_file_of_states_is_read_and_one_that_is_none_is_refused_with_its_place(tmp_path):
     path = tmp_path / "states.json"
     rows = rows_of([FREE, PUSHED])
+    path.write_text(json.dumps({"states": rows, "settings": {"mass_per_length_kg_m": {"waves": 0.17, "ends": 0.1}}}))
+    assert read_states(path) == (rows, 0.17)
     path.write_text(json.dumps({"states": rows, "mesh": "fine"}))
-    assert read_states(path) == rows
+    assert read_states(path) == (rows, None)
     del rows[1]["tip_direction"]
     for content, message in (("{}", "no file of muscle states"), (json.dumps({"states": rows}), "state 2: 'tip_dir")):
         path.write_text(content)
@@ -155,11 +157,13 @@ def test_the_verb_prints_the_tip_and_writes_state_answer_and_model(tmp_path, cap
 
 def test_the_verb_compares_with_a_file_of_states(tmp_path, capsys):
     states, path = tmp_path / "states.json", tmp_path / "rod.json"
-    states.write_text(json.dumps({"states": rows_of([FREE, PUSHED])}))
+    settings = {"mass_per_length_kg_m": {"waves": 0.17}}
+    states.write_text(json.dumps({"states": rows_of([FREE, PUSHED]), "settings": settings}))
     assert main(["rod", "--states", str(states), "--strains", "bend", "--json", str(path)]) == 0
     result = json.loads(path.read_text())
     assert [row["kind"] for row in result["summary"]] == ["free", "sideways"]
     assert len(result["states"]) == 2 and result["reference"] == "states.json"
+    assert result["mass_per_length_kg_m"] == 0.17
     assert "sideways" in capsys.readouterr().out
 
 
@@ -191,8 +195,8 @@ def test_the_law_may_come_from_another_file(tmp_path, capsys):
     angles = []
     for law_name in ("config", str(path)):
         out = tmp_path / "out.json"
-        arguments = ["rod", "--law", law_name, "--gravity", "0,0,0", "--strains", "bend", "--tip-force", "0,0.02,0"]
-        assert main([*arguments, "--json", str(out)]) == 0
+        arguments = ["rod", "--law", law_name, "--gravity", "0,0,0", "--strains", "bend", "--bending", "line"]
+        assert main([*arguments, "--tip-force", "0,0.02,0", "--json", str(out)]) == 0
         angles.append(json.loads(out.read_text())["tip_position_mm"][1])
     assert angles[1] < 0.7 * angles[0]
     assert main(["rod", "--law", str(tmp_path / "absent.json"), "--strains", "bend"]) == 1
