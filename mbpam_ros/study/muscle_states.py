@@ -35,6 +35,9 @@ KINDS = ("free", "in plane", "sideways", "axial", "torque", "several")
 
 _ALONG = 0.95
 
+_LEAST_DISPLACEMENT_MM = 0.01
+"""A torque on a straight muscle moves its tip nowhere: there is nothing to be compared."""
+
 
 class MuscleStateError(MbpamError, ValueError):
     """Something describes no state of a muscle, or a file holds none; the message says what is wrong, and where."""
@@ -185,10 +188,10 @@ def compared(rows: Sequence[dict[str, Any]], model: RodModel) -> list[dict[str, 
     """Return the rod's answer to each state beside that of ``rows``.
 
     Each has, besides the rod's answer: ``kind`` of load, ``reference_tip_position_mm``, ``tip_error_mm`` and, over the
-    active length, ``tip_error_pct``, ``roll_error_deg``; and where ``rows`` hold the same state without loads, the
-    displacement from it, ``displacement_mm``, ``reference_displacement_mm`` (3) and ``displacement_error_pct``, the
-    size of their difference over the reference's, and ``displacement_ratio``, the component along the reference's over
-    it.
+    active length, ``tip_error_pct``, ``roll_error_deg``. Where ``rows`` hold the same state without loads, and the
+    loads move the tip at all, also the displacement from it, ``displacement_mm``, ``reference_displacement_mm`` (3),
+    ``displacement_error_pct``, the size of their difference over the reference's, and ``displacement_ratio``, the
+    component along the reference's over it.
 
     Raises:
         RodSolutionError: the rod has no equilibrium in a state.
@@ -214,12 +217,13 @@ def compared(rows: Sequence[dict[str, Any]], model: RodModel) -> list[dict[str, 
                 for after, before in ((own, free[0]), (row, free[1]))
             )
             size = float(np.linalg.norm(reference))
-            result |= {
-                "displacement_mm": moved.tolist(),
-                "reference_displacement_mm": reference.tolist(),
-                "displacement_error_pct": 100.0 * float(np.linalg.norm(moved - reference)) / size,
-                "displacement_ratio": float(moved @ reference) / size**2,
-            }
+            if size > _LEAST_DISPLACEMENT_MM:
+                result |= {
+                    "displacement_mm": moved.tolist(),
+                    "reference_displacement_mm": reference.tolist(),
+                    "displacement_error_pct": 100.0 * float(np.linalg.norm(moved - reference)) / size,
+                    "displacement_ratio": float(moved @ reference) / size**2,
+                }
         found.append(result)
     return found
 

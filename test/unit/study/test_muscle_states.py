@@ -95,6 +95,13 @@ def test_a_rod_beside_itself_is_off_by_nothing():
     assert "displacement_mm" not in found[1]
 
 
+def test_a_torque_on_a_straight_muscle_is_compared_by_its_roll_only():
+    straight, turned = MuscleState("pdc", 0.0), MuscleState("pdc", 0.0, (0.0, 0.0, 0.0), 2.0)
+    found = compared(rows_of([straight, turned]), RodModel(law(torsion=2e-3), GEOMETRY, STRAINS))[1]
+    assert "displacement_ratio" not in found and found["tip_error_mm"] == pytest.approx(0.0, abs=1e-9)
+    assert found["roll_error_deg"] == pytest.approx(-math.degrees(2.0 * 0.1 / 2.0), rel=1e-6)
+
+
 def test_a_rod_that_cannot_twist_is_off_as_its_displacements_say():
     reference = rows_of([FREE, PUSHED])
     free, pushed = compared(reference, RodModel(law(), GEOMETRY, ("bend", "stretch")))
