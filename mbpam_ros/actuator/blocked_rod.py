@@ -82,7 +82,7 @@ def blocked_path(
     """
     weight = geometry.mass_per_length_kg_m * gravity_m_s2
     path: list[PlateContact] = []
-    last, before = _small_deflection(loads[0], geometry, friction_coefficient), loads[0]
+    last, before = _small_deflection(loads[0], geometry, friction_coefficient, weight), loads[0]
     for load in loads:
         last = _Plate(load, geometry, friction_coefficient, weight).contact(last, load.moment_n_m / before.moment_n_m)
         path.append(last)
@@ -90,11 +90,13 @@ def blocked_path(
     return path
 
 
-def _small_deflection(load: RodLoad, geometry: MuscleGeometry, friction: float) -> PlateContact:
-    """Where the first load is looked for: the straight propped rod, sliding up, its rim where it was without load."""
+def _small_deflection(load: RodLoad, geometry: MuscleGeometry, friction: float, weight_n_m: float) -> PlateContact:
+    """Where the first load is looked for: the straight propped rod, sliding up, its rim where its weight has put it."""
     push = load.moment_n_m * blocked_tip_force_per_moment(geometry)
     weightless = load.moment_n_m * geometry.active_length_m / load.stiffness_n_m2
-    return PlateContact(push, -friction * push, 0.15 * weightless, geometry.length_m)
+    carried = weight_n_m * (0.5 * geometry.active_length_m + geometry.end_length_m)
+    shorter = load.stretch.compliance_per_n * carried * geometry.active_length_m
+    return PlateContact(push, -friction * push, 0.15 * weightless, geometry.length_m - shorter)
 
 
 class _Plate:

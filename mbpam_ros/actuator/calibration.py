@@ -4,7 +4,8 @@ Per pattern (PDC, PSC) two factors, on M0 and on B, such that the planar rod in 
 down, tip up, weight on) has at 100 kPa the tip angle theta_max when it is free
 (:mod:`~mbpam_ros.actuator.planar_rod`) and pushes with F_max when a plate blocks its tip, with friction and large
 deflection (:mod:`~mbpam_ros.actuator.blocked_rod`). The shapes over pressure and the stretch of the axis stay those of
-the finite element unit cell.
+the finite element unit cell; EA goes with B, and an axial force stretches and bends the rod as it does the full one
+(:mod:`~mbpam_ros.actuator.elastic_rod`), which therefore returns the angle to 0.001 %.
 
 For each trial factor on M0 the angle alone gives B; the secant method then finds the factor that gives the force. The
 pressure is raised in steps of 5 kPa, because friction remembers; halving them changes the force by less than 0.2 %.
@@ -120,6 +121,8 @@ def calibrated_rod_law(
 def pattern_loads(law: RodLaw, pattern: str, pressure_gauge_pa: ArrayLike) -> list[RodLoad]:
     """Return the rod of ``psc`` or ``pdc`` at each pressure, its axis stretching as in the unit cell.
 
+    An axial force stretches it by 1 / EA where the law knows EA.
+
     Raises:
         ValueError: another pattern.
         ConfigError: the stored law is missing or unreadable.
@@ -130,8 +133,18 @@ def pattern_loads(law: RodLaw, pattern: str, pressure_gauge_pa: ArrayLike) -> li
     straight, slope = (
         np.interp(pressure, cell.pressure_gauge_pa, table) for table in (cell.straight_stretch, cell.stretch_slope_m)
     )
-    rows = np.stack([moment, stiffness, straight, slope], axis=-1).tolist()
-    return [RodLoad(row[0], row[1], AxisStretch(row[2], row[3])) for row in rows]
+    strains = {"pdc": law.pdc_strains, "psc": law.psc_strains}[pattern]
+    compliance = np.zeros_like(moment)
+    if strains is not None:
+        compliance = 1.0 / np.interp(pressure, law.pressure_gauge_pa, strains.axial_stiffness_n)
+    rows = np.stack([moment, stiffness, straight, slope, compliance], axis=-1).tolist()
+    return [RodLoad(row[0], row[1], AxisStretch(*row[2:])) for row in rows]
+
+
+def _stiffened(load: RodLoad, stiffness_n_m2: float) -> AxisStretch:
+    """The stretch of a rod whose B is ``stiffness_n_m2`` instead of ``load``'s: EA goes with it (``RodLaw.scaled``)."""
+    softer = load.stiffness_n_m2 / stiffness_n_m2
+    return load.stretch._replace(compliance_per_n=softer * load.stretch.compliance_per_n)
 
 
 def _factors(
@@ -144,7 +157,10 @@ def _factors(
 
     def trial(moment_factor: float) -> PatternFactors:
         moment = moment_factor * nominal.moment_n_m
-        stiffness = stiffness_for_tip_angle(target.theta_max_rad, moment, geometry, stretch=nominal.stretch)
+        stiffness = nominal.stiffness_n_m2
+        for _ in range(2):  # EA goes with B, and moves the angle by a hundred-thousandth
+            stretch = _stiffened(nominal, stiffness)
+            stiffness = stiffness_for_tip_angle(target.theta_max_rad, moment, geometry, stretch=stretch)
         return PatternFactors(moment_factor, stiffness / nominal.stiffness_n_m2)
 
     def excess(log_factor: float) -> float:
@@ -152,7 +168,7 @@ def _factors(
         common = factors.stiffness if pdc_stiffness is None else pdc_stiffness
         stiffness = law.scaled_stiffness(pattern, _PRESSURES_PA, factors.stiffness, common).tolist()
         loads = [
-            RodLoad(factors.moment * load.moment_n_m, value, load.stretch)
+            RodLoad(factors.moment * load.moment_n_m, value, _stiffened(load, value))
             for load, value in zip(unscaled, stiffness, strict=True)
         ]
         return math.log(blocked_path(loads, geometry)[-1].push_n / target.f_max_n)

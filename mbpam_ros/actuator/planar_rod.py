@@ -4,7 +4,8 @@ Clamped at the base, tip up, weight on. The active part obeys B kappa = M0 + (mo
 are straight and rigid. With r the unstretched distance from the tip along the rod, w the weight per length, theta the
 angle from the vertical, s the axis's stretch and a horizontal push N and an upright force T from a plate on the tip,
 
-    d theta / dr = -kappa,   kappa = m / B,   s = s0 + s1 kappa,
+    d theta / dr = -kappa,   kappa = (m + A s1) / B,   s = s0 + s1 kappa + A / EA,
+    A = -N sin(theta) + (T - w r) cos(theta),
     d m / dr = s (w r sin(theta) - N cos(theta) - T sin(theta)),   d(x, z)/dr = s (sin(theta), cos(theta)),
 
 to theta = 0 at r = l + L. The plate is parallel to the clamped axis and touches the rim of the tip, of radius R: at
@@ -41,10 +42,15 @@ class RodSolutionError(MbpamError, RuntimeError):
 
 
 class AxisStretch(NamedTuple):
-    """Stretch of the axis, s = ``straight`` + ``per_curvature_m`` kappa; by default it keeps its length."""
+    """Stretch of the axis, s = ``straight`` + ``per_curvature_m`` kappa + ``compliance_per_n`` A, A the axial force.
+
+    By default it keeps its length. An axis that is stretched by bending bends when it is pulled, by A s1: both come
+    from one energy (:mod:`~mbpam_ros.actuator.rod_law`).
+    """
 
     straight: float = 1.0
     per_curvature_m: float = 0.0
+    compliance_per_n: float = 0.0
 
 
 INEXTENSIBLE = AxisStretch()
@@ -132,7 +138,7 @@ def shoot(
         push_n, upright_n: N and T.
     """
     end, sine, cosine = geometry.end_length_m, math.sin, math.cos
-    straight, slope = stretch
+    straight, slope, yielding = stretch
     step = geometry.active_length_m / _STEPS
     half = 0.5 * step
     angle = tip_angle_rad
@@ -142,9 +148,11 @@ def shoot(
     x, z = end * s + geometry.outer_radius_m * (c - 1.0), end * (1.0 + c) - geometry.outer_radius_m * s
 
     def slopes(load: float, angle: float, moment: float) -> tuple[float, float, float, float]:
-        curvature = compliance * moment
-        stretched = straight + slope * curvature
-        across, along = stretched * sine(angle), stretched * cosine(angle)
+        s, c = sine(angle), cosine(angle)
+        axial = -push_n * s - load * c
+        curvature = compliance * (moment + axial * slope)
+        stretched = straight + slope * curvature + yielding * axial
+        across, along = stretched * s, stretched * c
         return -curvature, load * across - push_n * along, across, along
 
     for index in range(_STEPS):

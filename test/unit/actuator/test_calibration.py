@@ -77,7 +77,7 @@ def test_the_finite_element_law_is_nearly_calibrated_at_its_own_design(pattern):
     calibrated, uncalibrated = calibrated_rod_law(INITIAL, GEOMETRY), finite_element_rod_law()
     pairs = zip(calibrated.at_nominal_pressure(pattern), uncalibrated.at_nominal_pressure(pattern), strict=True)
     moment_factor, stiffness_factor = (after / before for after, before in pairs)
-    assert moment_factor == pytest.approx(1.0, abs=0.11)
+    assert moment_factor == pytest.approx(1.0, abs=0.123)
     assert stiffness_factor == pytest.approx(1.0, abs=0.12)
 
 

@@ -17,7 +17,7 @@ from mbpam_ros.actuator.elastic_rod import (
     rod_section,
     solid_end,
 )
-from mbpam_ros.actuator.planar_rod import RodSolutionError, rod_tip_angle
+from mbpam_ros.actuator.planar_rod import AxisStretch, RodSolutionError, rod_tip_angle
 from mbpam_ros.actuator.rod_law import RodLaw, StrainLaw, StrainLawError, finite_element_rod_law
 
 GEOMETRY = MuscleGeometry(outer_radius_m=0.01, end_length_m=0.015, active_length_m=0.1, mass_per_length_kg_m=0.162)
@@ -169,6 +169,13 @@ def test_the_upright_rod_that_only_bends_is_the_planar_rod():
     found = rod_at_rest(section, GEOMETRY, RodLoads(gravity_m_s2=(0.0, 0.0, -9.81)))
     assert found.tip_angle_rad == pytest.approx(rod_tip_angle(0.04, 1.7e-3, GEOMETRY), abs=1e-4)
     assert found.tip_roll_rad == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_upright_rod_that_stretches_is_the_planar_rod_that_calibrations_are_made_with():
+    stretch = AxisStretch(1.16, -1.5e-3, 1.0 / 20.0)
+    section = RodSection(0.04, 0.0, 1.7e-3, 0.16, -1.5e-3, 0.0, 1.0 / 20.0)
+    found = rod_at_rest(section, GEOMETRY, RodLoads(gravity_m_s2=(0.0, 0.0, -9.81)))
+    assert found.tip_angle_rad == pytest.approx(rod_tip_angle(0.04, 1.7e-3, GEOMETRY, stretch=stretch), abs=1e-5)
 
 
 def test_without_loads_the_axis_is_an_arc_of_the_free_stretch():
