@@ -10,17 +10,17 @@ The rods that run need a straight line at each pressure,
 
 here the secant through the two states a user meets: held straight (M = -M0) and free (M = 0 at kappa = M0 / B), so
 that blocked moment and free bend both come back at every pressure. Without pressure the two coincide and B is the
-tangent. Against all samples (-60 to 180 deg) the secant is off by at most 2.1 N mm rms (3.4 % of M0 = 60.8 N mm at
-120 kPa; 1.5 of 43.7 N mm at 100 kPa, PDC); the best straight line of all would be off by 1.7 and 1.4 N mm, and by 2 to
+tangent. Against all samples (-60 to 180 deg) the secant is off by at most 2.1 N mm rms (3.5 % of M0 = 60.5 N mm at
+120 kPa; 1.4 of 41.8 N mm at 100 kPa, PDC); the best straight line of all would be off by 1.7 and 1.3 N mm, and by 1 to
 6 deg of free bend. The stretch is a line through the same two states. EA and GJ are those of the free state; from the
-straight to the free one they rise by 11 and 6 % at 100 kPa (PDC), by 12 and 7 % at most.
+straight to the free one they rise by 11 and 6 % at 100 kPa (PDC), by 12 and 8 % at most.
 
 What the line leaves over is almost all a term that is 0 in both states,
 
     M = B kappa - M0 + Q kappa (kappa - kappa_free),
 
-with Q the least squares' over all samples: 0.06 N mm rms remain at 100 kPa and 0.02 at 120 kPa (PDC; PSC 0.24 and
-0.20). Below 70 kPa (PSC 90 kPa) Q comes out slightly negative, from bends far beyond the free one; there the line
+with Q the least squares' over all samples: 0.08 N mm rms remain at 100 kPa and 0.04 at 120 kPa (PDC; PSC 0.24 and
+0.23). Below 80 kPa (PSC 90 kPa) Q comes out slightly negative, from bends far beyond the free one; there the line
 stays, Q = 0. Bending across the plane of the bend has a stiffness of its own, at the free bend B + S.
 """
 

@@ -35,7 +35,7 @@ def test_the_line_has_the_straight_and_the_free_state_of_the_samples(pattern):
     np.testing.assert_allclose(line_zero, law.free_curvature_per_m[1:], rtol=1e-12)
 
 
-@pytest.mark.parametrize(("pattern", "at_100_kpa", "worst"), [("pdc", 1.5e-3, 2.1e-3), ("psc", 0.95e-3, 1.95e-3)])
+@pytest.mark.parametrize(("pattern", "at_100_kpa", "worst"), [("pdc", 1.43e-3, 2.14e-3), ("psc", 0.69e-3, 1.98e-3)])
 def test_the_lines_residual_is_as_stated(pattern, at_100_kpa, worst):
     law = LAWS[pattern]
     rms = np.sqrt(np.mean(law.line_residual_n_m**2, axis=1))
@@ -73,7 +73,7 @@ def test_samples_that_make_no_law_are_refused(field, change, message):
         changed(law, **{field: change(getattr(law, field))})
 
 
-@pytest.mark.parametrize(("pattern", "left"), [("pdc", (0.06, 0.02)), ("psc", (0.24, 0.20))])
+@pytest.mark.parametrize(("pattern", "left"), [("pdc", (0.076, 0.037)), ("psc", (0.24, 0.23))])
 def test_the_curve_leaves_of_the_samples_what_is_stated_and_keeps_both_states_of_the_line(pattern, left):
     law = LAWS[pattern]
     curvature, free = law.curvature_per_m, law.free_curvature_per_m[:, None]
@@ -81,13 +81,13 @@ def test_the_curve_leaves_of_the_samples_what_is_stated_and_keeps_both_states_of
     rms = np.sqrt(np.mean(residual**2, axis=1))
     assert (1e3 * rms[10], 1e3 * rms[12]) == pytest.approx(left, abs=0.006)
     assert (rms <= np.sqrt(np.mean(law.line_residual_n_m**2, axis=1))).all()
-    assert (law.stiffening_n_m3 >= 0.0).all() and not law.stiffening_n_m3[: {"pdc": 7, "psc": 9}[pattern]].any()
-    assert (law.stiffening_n_m3[{"pdc": 7, "psc": 9}[pattern] :] > 0.0).all()
+    assert (law.stiffening_n_m3 >= 0.0).all() and not law.stiffening_n_m3[: {"pdc": 8, "psc": 9}[pattern]].any()
+    assert (law.stiffening_n_m3[{"pdc": 8, "psc": 9}[pattern] :] > 0.0).all()
 
 
 @BOTH_PATTERNS
 @pytest.mark.parametrize(
-    ("name", "worst", "at_100_kpa"), [("axial_stiffness_n", 0.12, 0.11), ("torsion_stiffness_n_m2", 0.071, 0.055)]
+    ("name", "worst", "at_100_kpa"), [("axial_stiffness_n", 0.12, 0.11), ("torsion_stiffness_n_m2", 0.08, 0.0615)]
 )
 def test_axial_and_torsional_stiffness_change_with_the_bend_as_stated(pattern, name, worst, at_100_kpa):
     law = LAWS[pattern]

@@ -85,7 +85,7 @@ def test_calibration_keeps_the_shape_of_pdcs_free_bend_and_nearly_that_of_pscs(p
     for law in (LAW, finite_element_rod_law()):
         moment, stiffness = law.of_pattern(pattern, pressure)
         shapes.append(moment / stiffness / (moment[-1] / stiffness[-1]))
-    np.testing.assert_allclose(*shapes, rtol=1e-9 if pattern == "pdc" else 0.18)
+    np.testing.assert_allclose(*shapes, rtol=1e-9 if pattern == "pdc" else 0.2)
 
 
 def test_the_bend_is_strongly_nonlinear_in_pressure():

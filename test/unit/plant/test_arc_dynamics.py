@@ -58,7 +58,7 @@ def energy(arc, moment):
 def test_small_swings_have_the_period_of_mass_matrix_and_stiffness():
     step_s, moment = 5e-4, actuation([1e-5, 0.0])
     length, end = 0.100, 0.015
-    mass = 0.162 * (length**3 / 20 + ((length / 2 + end) ** 3 - (length / 2) ** 3) / 3)
+    mass = 0.168 * (length**3 / 20 + ((length / 2 + end) ** 3 - (length / 2) ** 3) / 3)
     period_s = 2.0 * math.pi / math.sqrt((SPRING + gravity_stiffness_n_m(0.0, GEOMETRY)[1]) / mass)
     arc, bends = tier(step_s, config=UNDAMPED), []
     for _ in range(round(3.0 * period_s / step_s)):
