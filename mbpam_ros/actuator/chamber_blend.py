@@ -100,31 +100,70 @@ def blend_strains(pressure_gauge_pa: Array, tables: StrainTables) -> tuple[Array
     For pressures (n, 4); NaN in a row where a pressure is NaN. Pressures outside the grid and the order of the sums: as
     in :func:`blend`.
     """
-    count, last = pressure_gauge_pa.shape[0], tables.rows.shape[0] - 2
-    end_pa = (last + 1) * tables.step_pa
+    count = pressure_gauge_pa.shape[0]
     stretch, slope = np.full(count, np.nan), np.full((count, 2), np.nan)
     axial, torsion = np.full(count, np.nan), np.full(count, np.nan)
-    pressure, share = np.empty(4), np.empty((4, 4))
+    share = np.empty((4, 4))
     for row in range(count):
         if np.isnan(pressure_gauge_pa[row]).any():
             continue
-        for chamber in range(4):
-            pressure[chamber] = max(pressure_gauge_pa[row, chamber], 0.0)
-        for chamber in range(4):
-            before = min(pressure[chamber], pressure[(chamber + 3) % 4])
-            after = min(pressure[chamber], pressure[(chamber + 1) % 4])
-            place = min(pressure[chamber], end_pa) / tables.step_pa
-            index = min(int(place), last)
-            low, high = tables.rows[index], tables.rows[index + 1]
-            for column in range(4):
-                alone = low[column] + (place - index) * (high[column] - low[column])
-                gain = low[column + 4] + (place - index) * (high[column + 4] - low[column + 4])
-                share[column, chamber] = alone + gain * (before + after)
-        # Along the diagonals at azimuth 45 and 135 deg.
-        first, second = share[1, 2] - share[1, 0], share[1, 3] - share[1, 1]
-        slope[row, 0] = _ROOT_HALF * (first - second)
-        slope[row, 1] = _ROOT_HALF * (first + second)
+        _share_out(pressure_gauge_pa[row], tables.step_pa, tables.rows, share)
+        slope[row, 0], slope[row, 1] = _away(share[1])
         stretch[row] = (share[0, 0] + share[0, 2]) + (share[0, 1] + share[0, 3])
         axial[row] = tables.rest_axial_n * math.exp((share[2, 0] + share[2, 2]) + (share[2, 1] + share[2, 3]))
         torsion[row] = tables.rest_torsion_n_m2 * math.exp((share[3, 0] + share[3, 2]) + (share[3, 1] + share[3, 3]))
     return stretch, slope, axial, torsion
+
+
+@njit(cache=True)
+def blend_curve(pressure_gauge_pa: Array, step_pa: float, rows: Array) -> tuple[Array, Array]:
+    """Return the stiffening Q along the bend's components (n, 2) [N m3] and the side stiffness S (n,) [N m2].
+
+    Args:
+        pressure_gauge_pa: shape (n, 4); NaN in a row where a pressure is NaN.
+        step_pa: of the uniform grid, which starts at 0 gauge.
+        rows: on the grid, shape (n, 4): Q and S of a chamber alone; then the gains of both by a neighbour's pressure.
+    """
+    count = pressure_gauge_pa.shape[0]
+    stiffening, side, share = np.full((count, 2), np.nan), np.full(count, np.nan), np.empty((2, 4))
+    pressure = np.empty(4)
+    for row in range(count):
+        if np.isnan(pressure_gauge_pa[row]).any():
+            continue
+        _share_out(pressure_gauge_pa[row], step_pa, rows, share)
+        stiffening[row, 0], stiffening[row, 1] = _away(share[0])
+        for chamber in range(4):
+            pressure[chamber] = max(pressure_gauge_pa[row, chamber], 0.0)
+        # What cancels has no side; it is 0 in PSC and PDC.
+        first, second = pressure[2] - pressure[0], pressure[3] - pressure[1]
+        cancelled = min(pressure[0], pressure[2]) ** 2 + min(pressure[1], pressure[3]) ** 2
+        size = first**2 + second**2
+        sided = size / (size + cancelled) if size > 0.0 else 0.0
+        side[row] = sided * ((share[1, 0] + share[1, 2]) + (share[1, 1] + share[1, 3]))
+    return stiffening, side
+
+
+@njit(cache=True)
+def _share_out(pressure_gauge_pa: Array, step_pa: float, rows: Array, share: Array) -> None:
+    """Look up what each chamber has to do with each quantity, (quantities, 4): alone, and by its two neighbours."""
+    last, quantities = rows.shape[0] - 2, share.shape[0]
+    for chamber in range(4):
+        own = max(pressure_gauge_pa[chamber], 0.0)
+        before = min(own, max(pressure_gauge_pa[(chamber + 3) % 4], 0.0))
+        after = min(own, max(pressure_gauge_pa[(chamber + 1) % 4], 0.0))
+        place = min(own, (last + 1) * step_pa) / step_pa
+        index = min(int(place), last)
+        low, high = rows[index], rows[index + 1]
+        for column in range(quantities):
+            alone = low[column] + (place - index) * (high[column] - low[column])
+            gained = quantities + column
+            gain = low[gained] + (place - index) * (high[gained] - low[gained])
+            share[column, chamber] = alone + gain * (before + after)
+
+
+@njit(cache=True)
+def _away(share: Array) -> tuple[float, float]:
+    """Sum of the chambers' shares (4,), each away from its chamber."""
+    # Along the diagonals at azimuth 45 and 135 deg.
+    first, second = share[2] - share[0], share[3] - share[1]
+    return _ROOT_HALF * (first - second), _ROOT_HALF * (first + second)

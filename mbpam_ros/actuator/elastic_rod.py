@@ -13,7 +13,10 @@ the tip's current axis. From the law (:mod:`~mbpam_ros.actuator.rod_law`), with 
 
     B b = M0 + N c + (m_2, -m_1),   epsilon = epsilon_0 + c . b + N / EA,   tau = m_3 / GJ,
 
-so no unknown is left inside. A strain that is left out is 0, and N c with the stretch.
+so no unknown is left inside. A strain that is left out is 0, and N c with the stretch. Where the law's curve is asked
+for instead of its line, the right side's component e along M0 and the one across it give
+
+    b_along = 2 e / (K + sqrt(K^2 + 4 Q e)),   K = B - Q kappa_free,   b_across = e_across / (B + S).
 
 n is known beforehand. What is not is the tip's rotation: marched from an assumed one (classical Runge-Kutta on unit
 quaternions, fourth order), the clamp's must come out as none. Newton's method in these three unknowns, slopes by
@@ -49,6 +52,9 @@ Quaternion = rotations.Quaternion
 STRAINS = ("bend", "stretch", "twist")
 """What a rod may do. It always bends."""
 
+BENDINGS = ("line", "curve")
+"""How the bending moment follows the curvature: as the plant's, or as the unit cell's within 1 % of M0."""
+
 STEPS = 24
 """Of the march along the active part."""
 
@@ -80,6 +86,7 @@ class RodSection(NamedTuple):
         slope_x_m, slope_y_m: c in bend components.
         axial_compliance_per_n: 1 / EA; 0: it cannot be pulled longer.
         torsion_compliance_per_n_m2: 1 / GJ; 0: it cannot twist.
+        stiffening_n_m3, side_n_m2: Q and S; 0: the bending moment is a line.
     """
 
     moment_x_n_m: float
@@ -90,6 +97,8 @@ class RodSection(NamedTuple):
     slope_y_m: float = 0.0
     axial_compliance_per_n: float = 0.0
     torsion_compliance_per_n_m2: float = 0.0
+    stiffening_n_m3: float = 0.0
+    side_n_m2: float = 0.0
 
 
 RIGID = RodSection(0.0, 0.0, math.inf)
@@ -160,16 +169,31 @@ class RodAtRest:
         return min((abs(2.0 * math.pi * turns + sign * angle) for sign in (1.0, -1.0)), key=lambda x: abs(x - turned))
 
 
-def rod_section(law: RodLaw, pressure_gauge_pa: ArrayLike, strains: Sequence[str] = STRAINS) -> RodSection:
+def rod_section(
+    law: RodLaw, pressure_gauge_pa: ArrayLike, strains: Sequence[str] = STRAINS, bending: str = "line"
+) -> RodSection:
     """Return what the pressures (4,) of chambers 1 to 4 make of a rod that can do ``strains``.
 
+    Args:
+        law: of the muscle.
+        pressure_gauge_pa: shape (4,).
+        strains: of :data:`STRAINS`.
+        bending: of :data:`BENDINGS`.
+
     Raises:
-        ValueError: an unknown strain, ``bend`` is missing, or not four pressures.
-        StrainLawError: the law says nothing of a strain.
+        ValueError: an unknown strain or bending, ``bend`` is missing, or not four pressures.
+        StrainLawError: the law says nothing of a strain or of its curve.
     """
+    if bending not in BENDINGS:
+        raise ValueError(f"unknown bending {bending!r}; known: {', '.join(BENDINGS)}")
     moment, stiffness = law.moment_and_stiffness(pressure_gauge_pa)
     of = _known_strains(law, pressure_gauge_pa, strains)
-    return RodSection(*_section_rows(moment, stiffness, of, strains).tolist())
+    section = RodSection(*_section_rows(moment, stiffness, of, strains).tolist())
+    if bending == "line":
+        return section
+    curve, size = law.bend_curve(pressure_gauge_pa), float(np.hypot(*moment))
+    along = float(curve.stiffening_n_m3 @ moment) / size if size > 0.0 else 0.0
+    return section._replace(stiffening_n_m3=along, side_n_m2=float(curve.side_n_m2))
 
 
 def _known_strains(law: RodLaw, pressure_gauge_pa: ArrayLike, strains: Sequence[str]) -> StrainLaw | None:
@@ -178,8 +202,8 @@ def _known_strains(law: RodLaw, pressure_gauge_pa: ArrayLike, strains: Sequence[
 
 
 def _section_rows(moment_n_m: Array, stiffness_n_m2: Array, of: StrainLaw | None, strains: Sequence[str]) -> Array:
-    """Fields of :class:`RodSection` in the last axis, shape (..., 8); what ``strains`` leave out is 0."""
-    rows = np.zeros((*stiffness_n_m2.shape, 8))
+    """Fields of :class:`RodSection` in the last axis, shape (..., 10): a line, and 0 for what ``strains`` leave out."""
+    rows = np.zeros((*stiffness_n_m2.shape, len(RodSection._fields)))
     rows[..., :2], rows[..., 2] = moment_n_m, stiffness_n_m2
     if of is not None and "stretch" in strains:
         rows[..., 3], rows[..., 4:6] = of.free_stretch, of.stretch_per_curvature_m
@@ -364,6 +388,20 @@ def _turn(x: float, y: float, z: float) -> Quaternion:
 
 
 @njit(cache=True, error_model="numpy")
+def _bend(load_x: float, load_y: float, section: RodSection) -> tuple[float, float]:
+    """Curvature's bend components under M0 and what else bends [N m]; NaN where the curve has none."""
+    size = math.sqrt(section.moment_x_n_m**2 + section.moment_y_n_m**2)
+    if size == 0.0 or (section.stiffening_n_m3 == 0.0 and section.side_n_m2 == 0.0):
+        return load_x / section.stiffness_n_m2, load_y / section.stiffness_n_m2
+    x, y = section.moment_x_n_m / size, section.moment_y_n_m / size
+    along, across = load_x * x + load_y * y, load_y * x - load_x * y
+    start = section.stiffness_n_m2 - section.stiffening_n_m3 * size / section.stiffness_n_m2
+    along *= 2.0 / (start + math.sqrt(start**2 + 4.0 * section.stiffening_n_m3 * along))
+    across /= section.stiffness_n_m2 + section.side_n_m2
+    return along * x - across * y, along * y + across * x
+
+
+@njit(cache=True, error_model="numpy")
 def _slopes(state: Array, beyond_m: float, section: RodSection, loads: Array, slopes: Array) -> None:
     """Slopes of rotation (4), moment (3), position (3) and bend (2) over s, ``beyond_m`` before the tip's end face."""
     x, y, z, w = state[0], state[1], state[2], state[3]
@@ -378,8 +416,11 @@ def _slopes(state: Array, beyond_m: float, section: RodSection, loads: Array, sl
     first = a0 * state[4] + a1 * state[5] + a2 * state[6]
     second = b0 * state[4] + b1 * state[5] + b2 * state[6]
     third = t0 * state[4] + t1 * state[5] + t2 * state[6]
-    bend_x = (section.moment_x_n_m + pull * section.slope_x_m + second) / section.stiffness_n_m2
-    bend_y = (section.moment_y_n_m + pull * section.slope_y_m - first) / section.stiffness_n_m2
+    bend_x, bend_y = _bend(
+        section.moment_x_n_m + pull * section.slope_x_m + second,
+        section.moment_y_n_m + pull * section.slope_y_m - first,
+        section,
+    )
     twist = third * section.torsion_compliance_per_n_m2
     stretch = 1.0 + section.free_stretch + section.slope_x_m * bend_x + section.slope_y_m * bend_y
     stretch += pull * section.axial_compliance_per_n
@@ -515,9 +556,8 @@ def _solved_near(
     for i in range(rows.shape[0]):
         if np.isnan(rows[i]).any() or np.isnan(near_bend_rad[i]).any():
             continue
-        section = RodSection(
-            rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5], rows[i, 6], rows[i, 7]
-        )
+        of = rows[i]
+        section = RodSection(of[0], of[1], of[2], of[3], of[4], of[5], of[6], of[7], of[8], of[9])
         sections = _Sections(section, ends)
         found, tip = _solved(_turn(-near_bend_rad[i, 1], near_bend_rad[i, 0], 0.0), sections, loads, shape, points)
         if not found:

@@ -28,6 +28,12 @@ stiffness is not in the two patterns.
 
 Laws for which a blend would not have a positive stiffness are refused.
 
+**Curve instead of line.** At each pressure the unit cell's moment is B kappa - M0 + Q kappa (kappa - kappa_free) along
+M0, kappa_free = M0 / B, and (B + S) kappa across it (:mod:`~mbpam_ros.actuator.bending_law`). The plant's rod leaves
+out Q and S: at 100 kPa (PDC) they move a free tip by 1.5 % of the active length and change what a load on the tip moves
+it by up to 9 %. Between patterns Q is blended as c below, and S as epsilon_0, times the share of the pressures that do
+not cancel.
+
 **Stretch and twist.** A rod may also stretch (epsilon) and twist (tau). With all strains the energy of the muscle per
 unstretched length is
 
@@ -41,8 +47,8 @@ vector along the bend), log EA and log GJ are sums over the chambers,
 
 for c with n_i before the bracket and sqrt(2) for the 2 of the gain g. Again PSC and PDC come back exactly, turns and
 mirrors of the pressures turn and mirror c and change nothing of the others, and all is continuous. Sums of logarithms
-keep EA and GJ positive for all pressures. Against the unequal sets, epsilon_0 is off by at most 4 % of it, but by 13 %
-for all four chambers at 100 kPa (0.390 instead of 0.346; 10 % at 80 kPa); what an opposite chamber would add as a
+keep EA and GJ positive for all pressures. Against the unequal sets, epsilon_0 is off by at most 4.5 % of it, but by
+13 % for all four chambers at 100 kPa (0.390 instead of 0.346; 10 % at 80 kPa); what an opposite chamber would add as a
 neighbour does makes these worse (6 to 9 % for the two of one diagonal). For EA and GJ there are no unequal sets.
 """
 
@@ -52,6 +58,7 @@ import functools
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -59,8 +66,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
 from mbpam_ros.actuator.bending_law import CellLaw, stored_cell_laws
-from mbpam_ros.actuator.chamber_blend import BlendTables, StrainTables, blend, blend_strains
+from mbpam_ros.actuator.chamber_blend import BlendTables, StrainTables, blend, blend_curve, blend_strains
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER
+from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.errors import MbpamError
 
 NOMINAL_PRESSURE_GAUGE_PA = 100e3
@@ -94,6 +102,18 @@ class StrainLaw(NamedTuple):
     torsion_stiffness_n_m2: NDArray[np.float64]
 
 
+class BendCurve(NamedTuple):
+    """How the bending moment departs from its line.
+
+    Args:
+        stiffening_n_m3: Q, with its direction in bend components, shape (n, 2); of a pattern its size, shape (n,).
+        side_n_m2: S, shape (n,).
+    """
+
+    stiffening_n_m3: NDArray[np.float64]
+    side_n_m2: NDArray[np.float64]
+
+
 @dataclass(frozen=True)
 class PatternFactors:
     """What a calibration multiplies the law of one pattern (PSC or PDC) by: M0, and B at 100 kPa."""
@@ -112,6 +132,7 @@ class RodLaw:
         psc_stiffness_n_m2, pdc_stiffness_n_m2: B on the grid, shape (n,), positive, equal at the start.
         psc_strains, pdc_strains: stretch and twist on the grid; stretch and slope 0 at the start, EA and GJ positive
             and equal there. None: not known.
+        psc_curve, pdc_curve: departure from the line on the grid, 0 at the start. None: not known.
 
     Raises:
         ValueError: the tables break one of these.
@@ -124,6 +145,8 @@ class RodLaw:
     pdc_stiffness_n_m2: NDArray[np.float64]
     psc_strains: StrainLaw | None = None
     pdc_strains: StrainLaw | None = None
+    psc_curve: BendCurve | None = None
+    pdc_curve: BendCurve | None = None
 
     def __post_init__(self) -> None:
         grid = self.pressure_gauge_pa
@@ -139,6 +162,8 @@ class RodLaw:
             raise ValueError("the bending stiffness must be positive for all pressures")
         if self.psc_strains is not None and self.pdc_strains is not None:
             _check_strains(self.psc_strains, self.pdc_strains)
+        if any(table[0] != 0.0 for curve in (self.psc_curve, self.pdc_curve) if curve is not None for table in curve):
+            raise ValueError("the departure from the line must be 0 without pressure")
 
     @cached_property
     def _blend_tables(self) -> BlendTables:
@@ -211,6 +236,36 @@ class RodLaw:
         )
         return StrainLaw(stretch.reshape(shape), slope.reshape(*shape, 2), axial.reshape(shape), torsion.reshape(shape))
 
+    def bend_curve(self, pressure_gauge_pa: ArrayLike) -> BendCurve:
+        """Return how the moment departs from its line for the pressures of chambers 1 to 4.
+
+        Args:
+            pressure_gauge_pa: shape (..., 4).
+
+        Returns:
+            Q (..., 2) and S (...). NaN where a pressure is NaN.
+
+        Raises:
+            ValueError: the last axis does not hold four pressures.
+            StrainLawError: the law does not say.
+        """
+        pressure = _of_four_chambers(pressure_gauge_pa)
+        rows = np.ascontiguousarray(pressure.reshape(-1, CHAMBERS_PER_FINGER))
+        stiffening, side = blend_curve(rows, float(self.pressure_gauge_pa[1]), self._curve_rows)
+        return BendCurve(stiffening.reshape(*pressure.shape[:-1], 2), side.reshape(pressure.shape[:-1]))
+
+    @cached_property
+    def _curve_rows(self) -> NDArray[np.float64]:
+        if self.psc_curve is None or self.pdc_curve is None:
+            raise StrainLawError(
+                "this rod law does not say how its moment departs from a line: it was made from a file without "
+                "side_bend_stiffness_n_mm2; mbpam fe law computes it"
+            )
+        grid = self.pressure_gauge_pa
+        share = np.divide(1.0, grid, out=np.zeros_like(grid), where=grid > 0.0)
+        alone, both = np.column_stack(self.psc_curve), np.column_stack(self.pdc_curve)
+        return np.hstack([alone, (both * [_ROOT_HALF, 0.5] - alone) * share[:, None]])
+
     def of_pattern(self, pattern: str, pressure_gauge_pa: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return M0 [N m] and B [N m2] of the pattern ``psc`` or ``pdc`` at pressures of any shape.
 
@@ -241,7 +296,7 @@ class RodLaw:
 
         EA and GJ are multiplied as B is at each pressure: a factor on B stands for a stiffer silicone or a thicker
         wall, and the wall that bends is the one that is pulled and twisted. The free stretch keeps its shape; a target
-        for it does not exist.
+        for it does not exist. Q and S keep their shares of B over the bends up to the free one.
         """
         grid = self.pressure_gauge_pa
         psc_stiffness = self.scaled_stiffness("psc", grid, psc.stiffness, pdc.stiffness)
@@ -254,6 +309,8 @@ class RodLaw:
             pdc_stiffness_n_m2=pdc_stiffness,
             psc_strains=_stiffened(self.psc_strains, psc_stiffness / self.psc_stiffness_n_m2),
             pdc_strains=_stiffened(self.pdc_strains, pdc_stiffness / self.pdc_stiffness_n_m2),
+            psc_curve=_stiffened_curve(self.psc_curve, psc_stiffness / self.psc_stiffness_n_m2, psc.moment),
+            pdc_curve=_stiffened_curve(self.pdc_curve, pdc_stiffness / self.pdc_stiffness_n_m2, pdc.moment),
         )
 
     def scaled_stiffness(
@@ -303,9 +360,15 @@ def _stiffened(strains: StrainLaw | None, factor: NDArray[np.float64]) -> Strain
     )
 
 
-@functools.lru_cache(maxsize=1)
-def finite_element_rod_law() -> RodLaw:
-    """Return the law of the finite element unit cell at a = 2.5, b = 2.0 mm, as in ``config/data``.
+def _stiffened_curve(curve: BendCurve | None, factor: NDArray[np.float64], moment_factor: float) -> BendCurve | None:
+    if curve is None:
+        return None
+    return BendCurve(curve.stiffening_n_m3 * factor**2 / moment_factor, curve.side_n_m2 * factor)
+
+
+@functools.lru_cache(maxsize=4)
+def finite_element_rod_law(name: str | Path = LAW_FILE) -> RodLaw:
+    """Return the law of the finite element unit cell, by default that at a = 2.5, b = 2.0 mm in ``config/data``.
 
     B(p) and the free curvature M0 / B are interpolated monotonically (PCHIP) over pressure and continued above 120 kPa
     with their end slopes, the free stretch and the logarithms of EA and GJ likewise. Without pressure the two patterns'
@@ -315,7 +378,7 @@ def finite_element_rod_law() -> RodLaw:
         ConfigError: the law is missing or unreadable.
     """
     grid = np.arange(0.0, LARGEST_PRESSURE_GAUGE_PA + _GRID_STEP_PA, _GRID_STEP_PA)
-    laws = stored_cell_laws()
+    laws = stored_cell_laws(name)
     start = 0.5 * sum(float(law.stiffness_n_m2[0]) for law in laws.values())
     tables = {}
     for pattern, law in laws.items():
@@ -324,7 +387,24 @@ def finite_element_rod_law() -> RodLaw:
         tables[f"{pattern}_moment_n_m"] = stiffness * curvature
         tables[f"{pattern}_stiffness_n_m2"] = stiffness
     strains = _pattern_strains(laws, grid)
-    return RodLaw(grid, **tables, psc_strains=strains.get("psc"), pdc_strains=strains.get("pdc"))
+    curves = {pattern: _pattern_curve(law, tables[f"{pattern}_stiffness_n_m2"], grid) for pattern, law in laws.items()}
+    return RodLaw(
+        grid,
+        **tables,
+        psc_strains=strains.get("psc"),
+        pdc_strains=strains.get("pdc"),
+        psc_curve=curves["psc"],
+        pdc_curve=curves["pdc"],
+    )
+
+
+def _pattern_curve(law: CellLaw, stiffness_n_m2: NDArray[np.float64], grid: NDArray[np.float64]) -> BendCurve | None:
+    """Departure of a pattern's moment from its line on ``grid``; none where the cell law does not say."""
+    side = law.free_stiffness("side_stiffness_n_m2")
+    if side is None:
+        return None
+    across = _continued(law.pressure_gauge_pa, np.append(stiffness_n_m2[0], side[1:]), grid)
+    return BendCurve(_continued(law.pressure_gauge_pa, law.stiffening_n_m3, grid), across - stiffness_n_m2)
 
 
 def _pattern_strains(laws: dict[str, CellLaw], grid: NDArray[np.float64]) -> dict[str, StrainLaw]:

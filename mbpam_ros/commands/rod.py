@@ -3,10 +3,12 @@
     mbpam rod --pattern pdc --pressure-kpa 100 --tip-force 0,0.05,0 --gravity 0,0,9.81 --json FILE
     mbpam rod --states fe_muscle_states.json --json FILE     beside finite elements, state by state
     mbpam rod --strains bend                                 a rod that cannot stretch or twist
+    mbpam rod --ends rigid                                   the plant's rod
 
 Frame: origin at the clamp, z toward the tip of the straight muscle, the cross's arms along x and y. The same arguments
-and keys as "mbpam fe muscle". The law is by default the finite elements' (config); --law calibrated takes the one that
-plant and estimator run on, scaled to the design's and target's angle and force in the gripper file.
+and keys as "mbpam fe muscle". The law is by default that of finite elements in the configuration (config). --law
+calibrated takes the one that plant and estimator run on, scaled to the angle and force that the gripper file asks for,
+--law FILE another of "mbpam fe law".
 """
 
 from __future__ import annotations
@@ -19,7 +21,8 @@ from typing import Any
 
 from mbpam_ros.actuator.bending_law import stored_shear_modulus_pa
 from mbpam_ros.actuator.calibration import calibrated_rod_law
-from mbpam_ros.actuator.elastic_rod import RIGID, STRAINS, check_strains, solid_end
+from mbpam_ros.actuator.elastic_rod import BENDINGS, RIGID, STRAINS, check_strains, solid_end
+from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.actuator.rod_law import RodLaw, finite_element_rod_law
 from mbpam_ros.commands.muscle_state import add_muscle_state, muscle_state
 from mbpam_ros.gripper import Gripper, load_gripper
@@ -34,7 +37,6 @@ from mbpam_ros.study.muscle_states import (
 )
 from mbpam_ros.study.result_file import write_json
 
-LAWS = ("config", "calibrated")
 ENDS = ("rigid", "silicone")
 
 
@@ -51,13 +53,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAMES",
         help=f"what the rod may do (default: {','.join(STRAINS)})",
     )
-    parser.add_argument("--law", choices=LAWS, default="config", help="default: config")
+    parser.add_argument("--law", default="config", metavar="LAW", help="config, calibrated or a file (default: config)")
     parser.add_argument(
-        "--ends", choices=ENDS, default="rigid", help="rigid, as in the plant, or solid silicone (default: rigid)"
+        "--bending",
+        choices=BENDINGS,
+        default="line",
+        help="how the moment follows the curvature: as the plant's line, or as the unit cell's curve (default: line)",
+    )
+    parser.add_argument(
+        "--ends",
+        choices=ENDS,
+        default="silicone",
+        help="solid silicone, as the finite elements', or rigid, as the plant's (default: silicone)",
     )
     parser.add_argument("--gripper", default="gripper.yaml", metavar="YAML", help="the muscle (default: gripper.yaml)")
     parser.add_argument(
-        "--mass-per-length", type=_mass, metavar="KG/M", help="of active part and ends (default: as the gripper file)"
+        "--mass-per-length",
+        type=_mass,
+        metavar="KG/M",
+        help="of active part and ends (default: as the states' file, or the gripper's)",
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="where the answer goes")
 
@@ -65,25 +79,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Solve, print, and write what is asked for."""
     gripper = load_gripper(options.gripper)
-    geometry = gripper.geometry
-    if options.mass_per_length is not None:
-        geometry = replace(geometry, mass_per_length_kg_m=options.mass_per_length)
-    ends = RIGID if options.ends == "rigid" else solid_end(stored_shear_modulus_pa(), geometry)
-    model = RodModel(_law(options.law, gripper), geometry, options.strains, ends)
+    answered = None if options.states is None else read_states(options.states)
+    mass_kg_m = options.mass_per_length or (answered and answered.mass_per_length_kg_m)
+    geometry = replace(gripper.geometry, mass_per_length_kg_m=mass_kg_m) if mass_kg_m else gripper.geometry
+    ends = RIGID if options.ends == "rigid" else solid_end(stored_shear_modulus_pa(_file(options.law)), geometry)
+    model = RodModel(_law(options.law, gripper), geometry, options.strains, ends, options.bending)
     told: dict[str, Any] = {
         "strains": list(options.strains),
         "law": options.law,
         "ends": options.ends,
+        "bending": options.bending,
         "active_length_mm": 1e3 * geometry.active_length_m,
         "end_length_mm": 1e3 * geometry.end_length_m,
         "mass_per_length_kg_m": geometry.mass_per_length_kg_m,
     }
-    if options.states is None:
+    if answered is None:
         answer = rod_answer(muscle_state(options), model)
         print(answer_text([answer]))
         result = answer | told
     else:
-        found = compared(read_states(options.states), model)
+        found = compared(answered.rows, model)
         print(comparison_text(found))
         result = told | {"reference": options.states.name, "summary": summary(found), "states": found}
     if options.json is not None:
@@ -92,9 +107,14 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _law(name: str, gripper: Gripper) -> RodLaw:
-    if name == "config":
-        return finite_element_rod_law()
-    return calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
+    if name == "calibrated":
+        return calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
+    return finite_element_rod_law(_file(name))
+
+
+def _file(name: str) -> str:
+    """The file that the finite elements' law is in."""
+    return LAW_FILE if name in ("config", "calibrated") else name
 
 
 def _strains(text: str) -> tuple[str, ...]:

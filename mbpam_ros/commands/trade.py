@@ -1,14 +1,15 @@
 """What accuracy costs, measured.
 
     mbpam trade --json FILE            every case at every tier, number of modes, step and pneumatic model
+    mbpam trade --json FILE --strains  rods that stretch and twist besides, and what the equations leave out
     mbpam trade --json FILE --quick    two cases, a few fidelities, a coarser reference; less than a minute
 
 FILE becomes the list of rows (mbpam_ros.plant.fidelity.Measured), FILE.png the Pareto plot; finished runs are kept in
 FILE_runs.json. A whole run also renews the table that the planner reads (--table). Errors are of the solution: against
 a rod of six modes (four of twist and stretch, where the muscle has them) at 0.1 ms with ISO 6358 pneumatics at 0.5 ms.
 How far that is from one mode less at twice the steps, and at rest in the air from SciPy's solution of the
-boundary-value problem, is printed and kept in the table. Errors of the model, converged rods beside the whole muscle in
-finite elements, are printed and kept too; the tolerance of a plan is on the sum of both.
+boundary-value problem, is printed and kept in the table. With --strains errors of the model, converged rods beside the
+whole muscle in finite elements, are printed and kept too; the tolerance of a plan is then on the sum of both.
 
 CPU times are those of the plant's steps alone; but workers share caches and clock with each other, so a table to plan
 from is measured by one.
@@ -43,6 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("--json", type=Path, metavar="FILE", required=True, help="where the rows go")
     parser.add_argument("--quick", action="store_true", help="a subset, in less than a minute")
+    parser.add_argument(
+        "--strains", action="store_true", help="rods that stretch and twist too, and the errors of the model"
+    )
     parser.add_argument("--rounds", type=int, default=_ROUNDS, help="through the grid; CPU times are their medians")
     parser.add_argument(
         "--table", type=Path, metavar="FILE", help="planner's table (default: the one it reads; none with --quick)"
@@ -52,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Measure, write rows, table and picture."""
-    progress, wanted = Progress(), _wanted(options.quick, options.rounds)
+    progress, wanted = Progress(), _wanted(options)
     here, libraries = machine(), versions("numpy", "numba", "scipy")
     settings = {
         "sources": sources_digest(),
@@ -69,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
     announce(f"{runs} runs and {len(wanted.cases)} references", expected_s, progress.stream)
     with executor_for(options, runs) as executor:
         rows, checks = trade.measure(wanted, load_gripper(), kept, executor, progress)
-    models = _model_errors(progress)
+    models = _model_errors(progress) if options.strains else ()
     values = [trade.row_values(row) for row in rows]
     write_json(options.json, values)
     table = options.table or (None if options.quick else config_directory() / TABLE)
@@ -101,8 +105,11 @@ def _model_errors(progress: Progress) -> tuple[ModelError, ...]:
     return found
 
 
-def _wanted(quick: bool, rounds: int) -> trade.Trade:
-    if quick:
+def _wanted(options: argparse.Namespace) -> trade.Trade:
+    grid = trade.quick_fidelities() if options.quick else trade.fidelities()
+    if options.strains:
+        grid = trade.with_strains(grid)
+    if options.quick:
         cases = tuple(case for case in all_cases() if case.name in trade.QUICK_CASES)
-        return trade.Trade(cases, trade.quick_fidelities(), rounds=1, coarse=True)
-    return trade.Trade(all_cases(), trade.fidelities(), rounds)
+        return trade.Trade(cases, grid, rounds=1, coarse=True)
+    return trade.Trade(all_cases(), grid, options.rounds)

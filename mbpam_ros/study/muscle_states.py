@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,8 @@ KINDS = ("free", "in plane", "sideways", "axial", "torque", "several")
 """Of load: none, a force in the plane of the bend, one across it, one along the unloaded tip, a torque, or more."""
 
 _ALONG = 0.95
+_LEAST_DISPLACEMENT_MM = 0.1
+"""A torque on a straight muscle moves its tip by nothing: of less than this no percentage is told."""
 
 
 class MuscleStateError(MbpamError, ValueError):
@@ -118,12 +120,14 @@ class RodModel:
         geometry: of the muscle.
         strains: what the active part may do.
         ends: section of the two ends.
+        bending: how the active part's moment follows its curvature, ``line`` or ``curve``.
     """
 
     law: RodLaw
     geometry: MuscleGeometry
     strains: tuple[str, ...]
     ends: RodSection = RIGID
+    bending: str = "line"
 
 
 def rod_answer(state: MuscleState, model: RodModel) -> dict[str, Any]:
@@ -134,7 +138,7 @@ def rod_answer(state: MuscleState, model: RodModel) -> dict[str, Any]:
         StrainLawError: the law says nothing of a strain.
         RodSolutionError: the rod has no equilibrium there.
     """
-    section = rod_section(model.law, state.pressure_gauge_pa, model.strains)
+    section = rod_section(model.law, state.pressure_gauge_pa, model.strains, model.bending)
     rod = rod_at_rest(section, model.geometry, state.loads(), ends=model.ends)
     return {
         **{name: list(value) if isinstance(value, tuple) else value for name, value in asdict(state).items()},
@@ -145,15 +149,30 @@ def rod_answer(state: MuscleState, model: RodModel) -> dict[str, Any]:
     }
 
 
-def read_states(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of a file of answered states, ``{"states": [...]}``.
+class AnsweredStates(NamedTuple):
+    """A file of states and someone's answers.
+
+    Args:
+        rows: a mapping a state.
+        mass_per_length_kg_m: of the muscle that answered, ``settings: mass_per_length_kg_m: waves``; None: not said.
+    """
+
+    rows: list[dict[str, Any]]
+    mass_per_length_kg_m: float | None
+
+
+def read_states(path: Path) -> AnsweredStates:
+    """Return what a file of answered states holds, ``{"states": [...]}``.
 
     Raises:
         MuscleStateError: it cannot be read, or a row has no state or no answer; the message says which.
     """
     try:
-        rows = json.loads(path.read_text(encoding="utf-8"))["states"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        rows = content["states"]
+        mass = content.get("settings", {}).get("mass_per_length_kg_m", {}).get("waves")
+        mass_kg_m = None if mass is None else float(mass)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise MuscleStateError(f'{path}: no file of muscle states, {{"states": [...]}}: {error!r}') from error
     for number, row in enumerate(rows, 1):
         try:
@@ -161,7 +180,7 @@ def read_states(path: Path) -> list[dict[str, Any]]:
             _three(row["tip_position_mm"]), _three(row["tip_direction"]), float(row["tip_roll_deg"])
         except (MuscleStateError, KeyError, TypeError, ValueError) as error:
             raise MuscleStateError(f"{path}: state {number}: {error}") from error
-    return rows
+    return AnsweredStates(rows, mass_kg_m)
 
 
 def compared(rows: Sequence[dict[str, Any]], model: RodModel) -> list[dict[str, Any]]:
@@ -169,9 +188,9 @@ def compared(rows: Sequence[dict[str, Any]], model: RodModel) -> list[dict[str, 
 
     Each has, besides the rod's answer: ``kind`` of load, ``reference_tip_position_mm``, ``tip_error_mm`` and, over the
     active length, ``tip_error_pct``, ``roll_error_deg``; and where ``rows`` hold the same state without loads, the
-    displacement from it, ``displacement_mm``, ``reference_displacement_mm`` (3) and ``displacement_error_pct``, the
-    size of their difference over the reference's, and ``displacement_ratio``, the component along the reference's over
-    it.
+    displacement from it, ``displacement_mm``, ``reference_displacement_mm`` (3) and, unless that is next to nothing,
+    ``displacement_error_pct``, the size of their difference over the reference's, and ``displacement_ratio``, the
+    component along the reference's over it.
 
     Raises:
         RodSolutionError: the rod has no equilibrium in a state.
@@ -197,12 +216,12 @@ def compared(rows: Sequence[dict[str, Any]], model: RodModel) -> list[dict[str, 
                 for after, before in ((own, free[0]), (row, free[1]))
             )
             size = float(np.linalg.norm(reference))
-            result |= {
-                "displacement_mm": moved.tolist(),
-                "reference_displacement_mm": reference.tolist(),
-                "displacement_error_pct": 100.0 * float(np.linalg.norm(moved - reference)) / size,
-                "displacement_ratio": float(moved @ reference) / size**2,
-            }
+            result |= {"displacement_mm": moved.tolist(), "reference_displacement_mm": reference.tolist()}
+            if size > _LEAST_DISPLACEMENT_MM:
+                result |= {
+                    "displacement_error_pct": 100.0 * float(np.linalg.norm(moved - reference)) / size,
+                    "displacement_ratio": float(moved @ reference) / size**2,
+                }
         found.append(result)
     return found
 

@@ -13,5 +13,7 @@ VERBS = (
     Verb("ablations", "what each choice of the model does to the error", "fe.ablations", resumes=True),
     Verb("law", "M(p, kappa), V(p, kappa) and stretch of the initial design", "fe.law", resumes=True),
     Verb("unequal", "unit cells with unequal chamber pressures", "fe.unequal", resumes=True),
+    Verb("muscle", "one state of the whole muscle: pressures, loads on its tip, gravity in any direction", "fe.muscle"),
+    Verb("states", "the whole muscle in the states that the rod is set beside", "fe.states", resumes=True),
     Verb("whole", "the whole muscle in three dimensions, free and at a plate", "fe.whole", resumes=True),
 )

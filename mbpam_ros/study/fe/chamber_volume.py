@@ -14,6 +14,7 @@ symmetric tangent, all without approximation.
 from __future__ import annotations
 
 import itertools
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -59,17 +60,30 @@ class ChamberVolume:
 
     def hessian_entries(self, x: NDArray[np.float64]) -> tuple[NDArray, NDArray[np.int64], NDArray[np.int64]]:
         """Return d2V/dx2 as (values, rows, columns) of a sparse matrix over 3 node + component."""
-        values, rows, columns = [], [], []
-        component = np.arange(3)
+        return self.hessian_values(x), *self.hessian_places
+
+    def hessian_values(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the entries of d2V/dx2 at :attr:`hessian_places`, which may come more than once."""
+        values = []
         for here in range(3):  # d2 det(a, b, c) / da_i db_j = e_ijk c_k, and cyclic
-            a, b, c = (self._nodes[:, (here + shift) % 3] for shift in range(3))
+            c = self._nodes[:, (here + 2) % 3]
             block = np.einsum("ijk,tk->tij", _LEVI_CIVITA, self._weights[:, None] * x[c])
-            row = np.broadcast_to((3 * a[:, None] + component)[:, :, None], block.shape)
-            column = np.broadcast_to((3 * b[:, None] + component)[:, None, :], block.shape)
             values += [block.ravel(), block.ravel()]
+        return np.concatenate(values)
+
+    @cached_property
+    def hessian_places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows and columns of the entries of d2V/dx2."""
+        rows, columns = [], []
+        component = np.arange(3)
+        for here in range(3):
+            a, b = self._nodes[:, here], self._nodes[:, (here + 1) % 3]
+            shape = (a.size, 3, 3)
+            row = np.broadcast_to((3 * a[:, None] + component)[:, :, None], shape)
+            column = np.broadcast_to((3 * b[:, None] + component)[:, None, :], shape)
             rows += [row.ravel(), column.ravel()]
             columns += [column.ravel(), row.ravel()]
-        return np.concatenate(values), np.concatenate(rows), np.concatenate(columns)
+        return np.concatenate(rows), np.concatenate(columns)
 
 
 def _face_tensor(nodes: int) -> NDArray[np.float64]:
@@ -77,12 +91,12 @@ def _face_tensor(nodes: int) -> NDArray[np.float64]:
     points, weights = leggauss(4)
     tensor = np.zeros((nodes, nodes, nodes))
     for (s, ws), (t, wt) in itertools.product(zip(points, weights, strict=True), repeat=2):
-        shape, slope_s, slope_t = _face_shape(s, t, nodes)
+        shape, slope_s, slope_t = face_shape(s, t, nodes)
         tensor += ws * wt / 3.0 * np.einsum("a,b,c->abc", shape, slope_s, slope_t)
     return tensor
 
 
-def _face_shape(s: float, t: float, nodes: int) -> tuple[NDArray, NDArray, NDArray]:
+def face_shape(s: float, t: float, nodes: int) -> tuple[NDArray, NDArray, NDArray]:
     """Bilinear or serendipity shape functions on the square -1..1 and their slopes."""
     corner_s, corner_t = np.array([-1.0, 1.0, 1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0])
     u, v = 1.0 + s * corner_s, 1.0 + t * corner_t

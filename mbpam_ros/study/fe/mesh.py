@@ -12,7 +12,8 @@ arms of a cross of thickness b:
 Crests and valleys may be circular instead, and the chambers' corners rounded (:mod:`~mbpam_ros.study.fe.fillets`).
 
 One octant of the section (0 to 45 deg) is meshed with five blocks - three in the core of the cross, one in the arm,
-one in the wall - then mirrored and turned. Of a half section the bending plane is y = 0 and the mesh fills y >= 0. It
+one in the wall - then mirrored and turned. With an odd number of elements across half an arm the core is one block of
+each quarter instead. Of a half section the bending plane is y = 0 and the mesh fills y >= 0. It
 holds chambers 1 and 2 for ``pdc`` (4 and 3 are their mirror images); for ``psc`` the muscle is turned by -45 deg and
 half of chamber 1, all of chamber 2 and half of chamber 3 are in it (4 is the image of 2). ``full`` is all of it.
 """
@@ -144,7 +145,7 @@ class Resolution:
     Args:
         wave: along one wave (even).
         wall: through the chamber wall.
-        arm: across half an arm of the cross (even).
+        arm: across half an arm of the cross; odd only where whole quarters are meshed (not ``psc``).
         spoke: along an arm, from the core to the wall.
         sector: around half a chamber.
         quadratic: 20-node hexahedra with reduced integration instead of trilinear ones with mean dilatation.
@@ -165,8 +166,8 @@ class Resolution:
 
     def __post_init__(self) -> None:
         require_positive(self, "wave", "wall", "arm", "spoke", "sector")
-        if self.wave % 2 or self.arm % 2:
-            raise ValueError(f"wave = {self.wave} and arm = {self.arm} must be even")
+        if self.wave % 2:
+            raise ValueError(f"wave = {self.wave} must be even")
         if self.tetrahedra is not None:
             if self.tetrahedra not in TETRAHEDRA:
                 raise ValueError(f"unknown tetrahedra {self.tetrahedra!r}; known: {', '.join(TETRAHEDRA)}")
@@ -218,8 +219,9 @@ def unit_cell_mesh(geometry: CellGeometry, resolution: Resolution, section: str,
     length = 0.5 * half_waves * geometry.wave_length_mm
     order = 2 if resolution.quadratic else 1
     z = np.linspace(0.0, length, resolution.wave // 2 * half_waves * order + 1)
-    blocks, patches = octant_blocks(geometry, resolution, z, geometry.outer_radius_at(z))
-    nodes = numbered_section(blocks, patches, section, order)
+    outer = geometry.outer_radius_at(z)
+    blocks, patches = octant_blocks(geometry, resolution, z, outer)
+    nodes = numbered_section(blocks, patches, section, order, quarter_blocks(geometry, resolution, z, outer))
     rims: dict[int, list[NDArray[np.int64]]] = {}
     on_arm: dict[int, list[NDArray[np.bool_]]] = {}
     for index, (chamber, ids) in enumerate(nodes.walls):
@@ -247,8 +249,9 @@ def octant_blocks(
 ) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
     """Return blocks (i, j, k, 3) of the solid and patches (s, k, 3) of the chamber's boundary in 0 to 45 deg.
 
-    The blocks are three in the core, the arm and the wall; the patches are the arm's side and the wall's. Every
-    block's (i, j, k) is right-handed; every patch runs counter-clockwise around the gas.
+    The blocks are three in the core (unless :func:`quarter_blocks` fill it), the arm and the wall; the patches are the
+    arm's side and the wall's. Every block's (i, j, k) is right-handed; every patch runs counter-clockwise around the
+    gas.
 
     Args:
         z, outer: node planes and the outer radius on each [mm], shape (planes,).
@@ -266,7 +269,7 @@ def octant_blocks(
     corners = np.array([[0.0, 0.0], [half, 0.0], [outline.cross_mm, outline.cross_mm]])
     middle = corners.mean(axis=0)
     blocks = []
-    for index in range(3):  # a triangle cut into three quadrilaterals
+    for index in range(0 if arm_is_odd(resolution) else 3):  # a triangle cut into three quadrilaterals
         here, after, before = corners[index], corners[(index + 1) % 3], corners[index - 1]
         flat = bilinear(here, 0.5 * (here + after), middle, 0.5 * (here + before), (arm // 2, arm // 2))
         blocks.append(extruded(np.broadcast_to(flat[:, :, None, :], (*flat.shape[:2], z.size, 2)), z))
@@ -281,13 +284,35 @@ def octant_blocks(
     along = np.linspace(0.0, 1.0, len(arm_side))[:, None, None]
     bottom = (1.0 - along[:, 0]) * half + along[:, 0] * inner
     middle_line = np.stack([bottom, np.zeros_like(bottom)], axis=-1)
-    blocks.append(extruded(coons(middle_line, arm_side, near_side, far_side), z))
+    arm_block = extruded(coons(middle_line, arm_side, near_side, far_side), z)
 
     wall_side = np.concatenate([far_side, outline.wall_side_mm(resolution.sector, order)[1:]])
     angle, radius = np.arctan2(wall_side[..., 1], wall_side[..., 0]), np.hypot(wall_side[..., 0], wall_side[..., 1])
     radius = radius + np.linspace(0.0, 1.0, wall + 1)[:, None, None] * (outer - radius)
-    blocks.append(extruded(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), z))
-    return blocks, [blocks[3][:, -1], blocks[4][0, arm:]]
+    wall_block = extruded(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), z)
+    return [*blocks, arm_block, wall_block], [arm_block[:, -1], wall_block[0, arm:]]
+
+
+def quarter_blocks(
+    geometry: CellGeometry, resolution: Resolution, z: NDArray[np.float64], outer: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
+    """Return the blocks (i, j, k, 3) of the solid in 0 to 90 deg that no octant has: the core, if ``arm`` is odd.
+
+    Args:
+        z, outer: as for :func:`octant_blocks`.
+    """
+    if not arm_is_odd(resolution):
+        return []
+    half, cross = 0.5 * geometry.b_mm, geometry.chamber_outline(outer).cross_mm
+    across = (2 if resolution.quadratic else 1) * resolution.arm
+    corners = (np.zeros(2), np.array([half, 0.0]), np.full(2, cross), np.array([0.0, half]))
+    flat = bilinear(*corners, (across, across))
+    return [extruded(np.broadcast_to(flat[:, :, None, :], (*flat.shape[:2], z.size, 2)), z)]
+
+
+def arm_is_odd(resolution: Resolution) -> bool:
+    """Whether the core of the cross is meshed quarter by quarter instead of octant by octant."""
+    return resolution.arm % 2 == 1
 
 
 def coons(
@@ -336,7 +361,7 @@ def _placed(points: NDArray[np.float64], octant: int, first: int) -> NDArray[np.
 
 @dataclass(frozen=True, eq=False)
 class NumberedBlocks:
-    """Blocks and patches of half the muscle, coinciding points numbered once.
+    """Blocks and patches of half or all of the muscle, coinciding points numbered once.
 
     Args:
         points_mm: shape (nodes, 3).
@@ -360,14 +385,27 @@ class NumberedBlocks:
 
 
 def numbered_section(
-    blocks: list[NDArray[np.float64]], patches: list[NDArray[np.float64]], section: str, order: int
+    blocks: list[NDArray[np.float64]],
+    patches: list[NDArray[np.float64]],
+    section: str,
+    order: int,
+    quarters: Sequence[NDArray[np.float64]] = (),
 ) -> NumberedBlocks:
     """Return the octant's blocks and patches placed in all octants of a section (``SECTIONS``), and numbered.
 
     Nodes no element has are dropped.
+
+    Args:
+        quarters: blocks that fill both octants of a quarter.
+
+    Raises:
+        CellGeometryError: the section cuts quarters.
     """
     octants = SECTIONS[section]
+    if quarters and octants[0] % 2:
+        raise CellGeometryError(f"the section {section!r} cuts the core's quarters: make arm even, or mesh all of it")
     solids = [_placed(block, octant, octants[0]) for octant in octants for block in blocks]
+    solids += [_placed(block, octant, octants[0]) for octant in octants if octant % 2 == 0 for block in quarters]
     walls = [(octant // 2 + 1, _placed(patch, octant, octants[0])) for octant in octants for patch in patches]
     arrays = [*solids, *(patch for _, patch in walls)]
     points = np.concatenate([array.reshape(-1, 3) for array in arrays])

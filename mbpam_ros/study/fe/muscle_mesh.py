@@ -1,4 +1,4 @@
-"""Structured hexahedral mesh of half the whole muscle: the waves between two unwaved ends.
+"""Structured hexahedral mesh of the whole muscle, or of its half: the waves between two unwaved ends.
 
 The octant blocks of :mod:`~mbpam_ros.study.fe.mesh` swept from the base z = 0 to the tip, with whole waves, so that a
 crest of radius R meets either end. The chambers go on into the ends with the crest's section up to a cap of solid
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.study.fe.mesh import (
-    PATTERNS,
+    SECTIONS,
     CellGeometry,
     CellGeometryError,
     Resolution,
@@ -27,9 +27,11 @@ from mbpam_ros.study.fe.mesh import (
     extruded,
     numbered_section,
     octant_blocks,
+    quarter_blocks,
 )
 
 _END_CELL_PER_WAVE_CELL = 2.0  # length; strains in the ends fall off over the muscle's radius
+_TIP_FACE = {8: [4, 5, 6, 7], 20: [4, 5, 6, 7, 12, 13, 14, 15]}  # of a cell; its nodes run from the base to the tip
 
 
 @dataclass(frozen=True)
@@ -59,15 +61,16 @@ class EndPieces:
 
 @dataclass(frozen=True, eq=False)
 class MuscleMesh:
-    """Mesh of the half muscle y >= 0, base at z = 0.
+    """Mesh of the whole muscle or of its half y >= 0, base at z = 0.
 
     Args:
         points_mm: shape (nodes, 3).
         cells: node numbers, shape (cells, 8 or 20), VTK order.
         cell_in_end: whether a cell belongs to an end piece, shape (cells,).
-        faces: per chamber (1, 2, 3) the faces of walls and caps, normal pointing out of the gas; with the symmetry
-            plane they close the chamber.
+        faces: per meshed chamber the faces of walls and caps, normal pointing out of the gas; in a half muscle the
+            symmetry plane closes those it cuts.
         tip_skin: nodes of the tip end's outer surface.
+        tip_face: the element faces of the tip's plane end, shape (faces, 4 or 8).
         length_mm: of the muscle.
     """
 
@@ -76,21 +79,23 @@ class MuscleMesh:
     cell_in_end: NDArray[np.bool_]
     faces: dict[int, NDArray[np.int64]]
     tip_skin: NDArray[np.int64]
+    tip_face: NDArray[np.int64]
     length_mm: float
 
 
 def muscle_mesh(
-    geometry: CellGeometry, resolution: Resolution, pattern: str, ends: EndPieces | None = None
+    geometry: CellGeometry, resolution: Resolution, section: str, ends: EndPieces | None = None
 ) -> MuscleMesh:
-    """Return the mesh of half the whole muscle.
+    """Return the mesh of the whole muscle (section ``full``) or of its half (``pdc``, ``psc``; ``SECTIONS``).
 
     Raises:
-        ValueError: unknown pattern, or a resolution in tetrahedra.
-        CellGeometryError: the number of waves is not whole, or the mesh too coarse to fill a cap.
+        ValueError: unknown section, or a resolution in tetrahedra.
+        CellGeometryError: the number of waves is not whole, the mesh too coarse to fill a cap, or its arms cannot be
+            meshed in this section.
     """
     ends = ends or EndPieces()
-    if pattern not in PATTERNS:
-        raise ValueError(f"unknown pattern {pattern!r}; known: {', '.join(PATTERNS)}")
+    if section not in SECTIONS:
+        raise ValueError(f"unknown section {section!r}; known: {', '.join(SECTIONS)}")
     if resolution.tetrahedra:
         raise ValueError("the whole muscle is meshed with hexahedra only; tetrahedra are for the unit cell")
     if geometry.wave_count != round(geometry.wave_count):
@@ -111,10 +116,12 @@ def muscle_mesh(
     gas = slice(gas_begin, gas_end + 1)
     patches = [arm_side[:, gas], wall_side[:, gas]]
     patches += [block[::-1, :, -1] for block in base] + [block[:, :, 0] for block in tip]
-    nodes = numbered_section([*blocks, *base, *tip], patches, pattern, order)
+    quarters = quarter_blocks(geometry, resolution, z, outer)
+    nodes = numbered_section([*blocks, *base, *tip], patches, section, order, quarters)
     cells = np.concatenate(nodes.cells)
     points = nodes.points_mm
     middle = points[cells[:, :8], 2].mean(axis=1)
+    at_tip = np.isclose(points[cells[:, _TIP_FACE[8]], 2], length).all(axis=1)
     on_skin = np.isclose(np.hypot(points[:, 0], points[:, 1]), geometry.outer_radius_mm)
     return MuscleMesh(
         points_mm=points,
@@ -122,6 +129,7 @@ def muscle_mesh(
         cell_in_end=(middle < ends.length_mm) | (middle > length - ends.length_mm),
         faces=nodes.faces(),
         tip_skin=np.flatnonzero(on_skin & (points[:, 2] > length - ends.length_mm + 1e-6)),
+        tip_face=cells[at_tip][:, _TIP_FACE[cells.shape[1]]],
         length_mm=length,
     )
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -17,12 +18,15 @@ from mbpam_ros.errors import MbpamError
 
 LinearSolver = Callable[[csr_matrix, NDArray[np.float64]], NDArray[np.float64]]
 Residual = Callable[[NDArray[np.float64], float], NDArray[np.float64]]
-Tangent = Callable[[NDArray[np.float64], float], csr_matrix]
+Tangent = Callable[[NDArray[np.float64], float], "csr_matrix | UpdatedMatrix"]
+Equilibrium = tuple[float, NDArray[np.float64]]
+"""Load parameter and unknowns."""
 Accept = Callable[[NDArray[np.float64], float], bool]
 Map = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 SOLVERS = ("pardiso", "superlu")
 _ROUNDING = 1e-9
+_EXTRAPOLATED = 4  # equilibria through which the next guess is laid
 _FACTORISE_AND_SOLVE = 23  # Pardiso's phases, without the first: the analysis of the pattern
 
 
@@ -35,6 +39,27 @@ class LoadStepError(MbpamError, RuntimeError):
 
     def __str__(self) -> str:
         return self.args[0]
+
+
+@dataclass(frozen=True, eq=False)
+class UpdatedMatrix:
+    """A sparse matrix minus one of low rank, K - U V^T: a load that follows the body makes such a tangent.
+
+    Args:
+        matrix: K, shape (n, n).
+        left, right: U and V, shape (n, k).
+    """
+
+    matrix: csr_matrix
+    left: NDArray[np.float64]
+    right: NDArray[np.float64]
+
+    def solve(self, solve: LinearSolver, right: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the solution for a right-hand side (n,), with one factorisation of K (Sherman, Morrison, Woodbury)."""
+        solved = solve(self.matrix, np.column_stack([right, self.left]))
+        plain, columns = solved[:, 0], solved[:, 1:]
+        inner = np.eye(columns.shape[1]) - self.right.T @ columns
+        return plain + columns @ np.linalg.solve(inner, self.right.T @ plain)
 
 
 def linear_solver(name: str | None = None, symmetric: bool = True) -> LinearSolver:
@@ -71,10 +96,12 @@ class _SymmetricPardiso:
     def __init__(self, pypardiso: ModuleType) -> None:
         self._solver = pypardiso.PyPardisoSolver(mtype=-2)
         self._pattern: tuple[NDArray[np.int32], NDArray[np.int32]] | None = None
+        self._last = csr_matrix((0, 0))
+        self._upper = self._last, np.zeros(0, dtype=np.int32)
         weakref.finalize(self, self._solver.free_memory, True)
 
     def __call__(self, matrix: csr_matrix, right: NDArray[np.float64]) -> NDArray[np.float64]:
-        upper = triu(matrix, format="csr").sorted_indices()
+        upper = self._upper_triangle(matrix)
         if not self._knows(upper):
             self._solver.free_memory(True)
             self._solver.factorize(upper)
@@ -82,6 +109,15 @@ class _SymmetricPardiso:
             return self._solver.solve(upper, right)
         self._solver.set_phase(_FACTORISE_AND_SOLVE)
         return self._solver._call_pardiso(upper, np.asfortranarray(right))
+
+    def _upper_triangle(self, matrix: csr_matrix) -> csr_matrix:
+        """The upper triangle; where it lies is known of a matrix that shares the last one's indices."""
+        if matrix.indices is not self._last.indices or matrix.indptr is not self._last.indptr:
+            places = csr_matrix((np.arange(1, matrix.nnz + 1), matrix.indices, matrix.indptr), matrix.shape)
+            pattern = triu(places, format="csr").sorted_indices()
+            self._last, self._upper = matrix, (pattern, pattern.data - 1)
+        pattern, chosen = self._upper
+        return csr_matrix((matrix.data[chosen], pattern.indices, pattern.indptr), matrix.shape)
 
     def _knows(self, upper: csr_matrix) -> bool:
         return self._pattern is not None and all(
@@ -132,11 +168,6 @@ class Chart:
     coordinates: Map
     unknowns: Map
 
-    def extrapolated(self, before: NDArray[np.float64], here: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
-        """Return the unknowns ``ratio`` times the way from ``before`` to ``here`` beyond ``here``."""
-        origin = self.coordinates(here)
-        return self.unknowns(origin + ratio * (origin - self.coordinates(before)))
-
     def moved(self, here: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the unknowns after a step that begins in the direction ``step`` and is as long."""
         longest = float(np.abs(step).max(initial=0.0))
@@ -163,32 +194,29 @@ def follow_load(
     control: StepControl | None = None,
     accept: Accept | None = None,
     chart: Chart | None = None,
+    earlier: Sequence[Equilibrium] = (),
 ) -> NDArray[np.float64]:
     """Return the unknowns at load parameter 1, following equilibria from ``start`` at 0.
 
-    Each step starts from the line through the last two equilibria; Newton's method then converges quadratically.
-    A step that does not converge is halved, an easy one is followed by one 1.5 times as long.
+    Each step starts from the cubic through the last four equilibria; Newton's method then converges quadratically. A
+    step that does not converge is halved, an easy one is followed by one 1.5 times as long.
 
     Args:
         residual, tangent: forces out of balance and their derivative, of (unknowns, load parameter).
         accept: told every equilibrium before the next step. False: the problem is another one now (a node has touched
             something), find the equilibrium again.
         chart: see :class:`Chart`; by default the unknowns are their own coordinates.
+        earlier: other equilibria, at loads below 0 or above 1, the last one nearest.
 
     Raises:
         LoadStepError: the smallest step found no equilibrium: a limit point, or an element turned inside out.
     """
     control = control or StepControl()
     load, step, unknowns = 0.0, control.first_step, start
-    before: tuple[float, NDArray[np.float64]] | None = None
+    passed: list[Equilibrium] = [*earlier[1 - _EXTRAPOLATED :], (load, start)]
     while load < 1.0:
         wanted = load + step if load + step < 1.0 - _ROUNDING else 1.0  # ten steps of 0.1 end at 1, not just before
-        guess = unknowns
-        if before is not None:
-            ratio = (wanted - load) / (load - before[0])
-            guess = (
-                chart.extrapolated(before[1], unknowns, ratio) if chart else unknowns + ratio * (unknowns - before[1])
-            )
+        guess = _extrapolated(passed, wanted, chart)
         try:
             found, iterations = _newton(residual, tangent, guess, wanted, solve, control, chart)
             for _ in range(control.most_revisions):
@@ -203,10 +231,23 @@ def follow_load(
             if step < control.smallest_step:
                 raise LoadStepError(f"no equilibrium beyond load parameter {load:.4f}: {error}", load) from error
             continue
-        before, load, unknowns = (load, unknowns), wanted, found
+        load, unknowns = wanted, found
+        passed = [*passed[1 - _EXTRAPOLATED :], (load, unknowns)]
         if iterations <= 5:
             step = min(1.5 * step, control.largest_step)
     return unknowns
+
+
+def _extrapolated(passed: Sequence[Equilibrium], wanted: float, chart: Chart | None) -> NDArray[np.float64]:
+    """The polynomial through the last equilibria, in the chart if there is one, at the load ``wanted``."""
+    if len(passed) < 2:
+        return passed[-1][1]
+    loads = [load for load, _ in passed]
+    guess = np.zeros(())
+    for load, unknowns in passed:
+        weight = math.prod((wanted - other) / (load - other) for other in loads if other != load)
+        guess = guess + weight * (chart.coordinates(unknowns) if chart else unknowns)
+    return chart.unknowns(guess) if chart else guess
 
 
 def _newton(
@@ -226,7 +267,9 @@ def _newton(
                 raise _NoEquilibriumError("an element turned inside out")
             if np.abs(force).max() < control.residual_n:
                 return unknowns, iteration
-            step = solve(tangent(unknowns, load), -force)
+            matrix = tangent(unknowns, load)
+            updated = isinstance(matrix, UpdatedMatrix)
+            step = matrix.solve(solve, -force) if updated else solve(matrix, -force)
         if not np.all(np.isfinite(step)):
             raise _NoEquilibriumError("the tangent is singular")
         unknowns = chart.moved(unknowns, step) if chart else unknowns + step

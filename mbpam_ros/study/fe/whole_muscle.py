@@ -1,43 +1,63 @@
-"""The whole muscle as finite elements: waves and ends, clamped at the base, its weight on, its tip free or at a plate.
+"""The whole muscle as finite elements: waves and ends, clamped at the base, its tip free, loaded or at a plate.
 
-With x the nodes of the half muscle y >= 0, an equilibrium obeys
+With x the nodes, an equilibrium obeys
 
-    d/dx [ W(x) - sum_c p_c V_c(x) + g sum_a m_a z_a ] = plate's forces,
+    d/dx [ W(x) - sum_c p_c V_c(x) - sum_a m_a g . x_a - F . c(x) ] = moment's and plate's forces,
 
-W the elastic energy, V_c the closed chambers' volumes (:mod:`~mbpam_ros.study.fe.chamber_volume`), m_a the nodes'
-masses (a dead load: base down, tip up). The chambers under pressure lie at +x; the muscle bends toward -x, where the
-plate of the blocked tip stands. Nodes of the base stay where they are, nodes of the symmetry plane stay in it. All
-values a user sees are those of the whole muscle. Lengths in mm, forces in N, pressures in MPa.
+W the elastic energy, p_c and V_c the pressures and volumes of the closed chambers
+(:mod:`~mbpam_ros.study.fe.chamber_volume`), m_a the nodes' masses, g gravity, F a dead force at the tip's centre c. The
+moment follows the tip (:mod:`~mbpam_ros.study.fe.tip_face`). The frame is that of
+:mod:`~mbpam_ros.study.fe.muscle_loads`.
+
+``full`` is all of the muscle. The halves y >= 0 of ``pdc`` and ``psc`` stand for it where loads are symmetric in y = 0:
+their nodes of that plane stay in it. For ``psc`` the muscle is turned by -45 deg, so that chamber 1 lies at +x; loads
+are given in the turned frame then. In both the pressure of chamber 1 (and 4 in ``pdc``) bends toward -x, where the
+plate of the blocked tip stands. All values a user sees are those of the whole muscle. Lengths in mm, forces in N,
+pressures in MPa.
 
 Not modelled: contact of the muscle with itself, viscosity.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
-from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.study.fe.chamber_volume import ChamberVolume
+from mbpam_ros.study.fe.free_matrix import FreeMatrix
 from mbpam_ros.study.fe.material import Silicone
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
+from mbpam_ros.study.fe.muscle_loads import UPRIGHT, MuscleLoadError, MuscleLoads, Vector, pattern_pressures_mpa
 from mbpam_ros.study.fe.muscle_mesh import EndPieces, muscle_mesh
 from mbpam_ros.study.fe.plate_contact import ContactMemory, Plate, PlateContact
 from mbpam_ros.study.fe.posture import SILICONE_DENSITY_KG_M3
 from mbpam_ros.study.fe.section_frames import SectionFrames
 from mbpam_ros.study.fe.solid_body import SolidBody
-from mbpam_ros.study.fe.solve import Chart, LinearSolver, LoadStepError, StepControl, follow_load, linear_solver
+from mbpam_ros.study.fe.solve import (
+    Chart,
+    LinearSolver,
+    LoadStepError,
+    StepControl,
+    UpdatedMatrix,
+    follow_load,
+    linear_solver,
+)
+from mbpam_ros.study.fe.tip_face import TipFace, TipPose
 
-_HALVES = 2.0  # the model is half the muscle
-_PRESSURISED = 1  # chamber 1 of the half muscle; pdc: the other half's mirror image of it; psc: its other half
 _REVISIONS_AT_ONCE = 3  # then one node after another
 _MUSCLE_STEPS = StepControl(
     residual_n=1e-5, most_iterations=10, largest_step=0.1, smallest_step=1e-3, most_revisions=20
 )
+_SAME_CHAMBERS = {"pdc": ((1, 4), (2, 3)), "psc": ((2, 4),), "full": ()}  # mirror images of each other in y = 0
+_AZIMUTH_RAD = {"pdc": 0.0, "psc": 0.25 * math.pi, "full": 0.0}  # of the model's x axis in the muscle frame
+_SAME_NODE_MM = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,17 +65,17 @@ class MuscleState:
     """An equilibrium of the muscle.
 
     Args:
-        pressure_gauge_mpa: in the pressurised chambers.
-        gravity_factor: of the weight; 1 with gravity, 0 without.
-        tip_angle_rad: of the tip's plane against the base; positive toward -x, away from the chambers under pressure.
-        gas_volume_mm3: of all pressurised chambers.
-        plate_force_n: of the muscle on the plate, x, y, z; zero without a plate. y cancels by symmetry.
-        positions_mm: of the half muscle's nodes, shape (nodes, 3).
+        loads: that act on it.
+        tip: where the tip's face is.
+        tip_angle_rad: between z and the tip's direction, continuous beyond half a turn.
+        gas_volume_mm3: of all chambers under pressure.
+        plate_force_n: of the muscle on the plate, x, y, z; zero without a plate.
+        positions_mm: of the model's nodes, shape (nodes, 3).
         contact: memory of the plate's contact; None: there is no plate.
     """
 
-    pressure_gauge_mpa: float
-    gravity_factor: float
+    loads: MuscleLoads
+    tip: TipPose
     tip_angle_rad: float
     gas_volume_mm3: float
     plate_force_n: NDArray[np.float64]
@@ -68,7 +88,7 @@ class WholeMuscle:
 
     Args:
         geometry, resolution: see :mod:`~mbpam_ros.study.fe.mesh`.
-        pattern: ``pdc`` (two adjacent chambers under pressure) or ``psc`` (one).
+        section: ``full``, or the half ``pdc`` or ``psc``.
         silicone: the material's constants.
         ends: the end pieces.
         plate: that the tip end may touch; None: the tip is free.
@@ -76,13 +96,13 @@ class WholeMuscle:
         control: of the load steps.
 
     Raises:
-        ValueError: unknown pattern or solver, or a mesh that cannot be.
+        ValueError: unknown section or solver, or a mesh that cannot be.
     """
 
     def __init__(
         self,
         geometry: CellGeometry,
-        pattern: str = "pdc",
+        section: str = "pdc",
         resolution: Resolution | None = None,
         silicone: Silicone | None = None,
         ends: EndPieces | None = None,
@@ -90,25 +110,30 @@ class WholeMuscle:
         solver: str | None = None,
         control: StepControl | None = None,
     ) -> None:
-        self.geometry, self.pattern = geometry, pattern
+        self.geometry, self.section = geometry, section
         self.ends = ends or EndPieces()
-        self.mesh = muscle_mesh(geometry, resolution or Resolution(), pattern, self.ends)
+        self.mesh = muscle_mesh(geometry, resolution or Resolution(), section, self.ends)
+        self.mirrored = section != "full"
+        self._parts = 2.0 if self.mirrored else 1.0
         points = self.mesh.points_mm
         self._body = SolidBody(points, self.mesh.cells, silicone or Silicone())
-        self._gas = ChamberVolume(self.mesh.faces[_PRESSURISED])
+        self._gas = {chamber: ChamberVolume(faces) for chamber, faces in self.mesh.faces.items()}
         densities = np.where(self.mesh.cell_in_end, self.ends.density_factor, 1.0) * SILICONE_DENSITY_KG_M3 * 1e-9
-        self._weights_n = GRAVITY_M_S2 * self._body.nodal_volumes_mm3(densities)
+        self._masses_kg = self._body.nodal_volumes_mm3(densities)
         skin = self.mesh.tip_skin
-        shares = np.where(points[skin, 1] == 0.0, 0.5, 1.0)
+        shares = np.where(self.mirrored & (points[skin, 1] == 0.0), 0.5, 1.0)
         self._contact = PlateContact(plate, skin, shares) if plate else None
+        self._tip = TipFace(points, self.mesh.tip_face, self.mirrored)
         self._solve: LinearSolver = linear_solver(solver, symmetric=self._contact is None or self._contact.symmetric)
         self._control = control or _MUSCLE_STEPS
 
         free = np.ones(points.shape, dtype=bool)
-        free[points[:, 1] == 0.0, 1] = False
+        if self.mirrored:
+            free[points[:, 1] == 0.0, 1] = False
         free[points[:, 2] == 0.0] = False
         self._free = np.flatnonzero(free.ravel())
-        self.frames = SectionFrames(points)
+        self._free_matrix: FreeMatrix | None = None
+        self.frames = SectionFrames(points, self.mirrored)
 
     @property
     def unknown_count(self) -> int:
@@ -116,57 +141,55 @@ class WholeMuscle:
         return self._free.size
 
     @property
-    def weight_n(self) -> float:
-        """Weight of the muscle [N], both ends included."""
-        return _HALVES * float(self._weights_n.sum())
+    def mass_kg(self) -> float:
+        """Mass of the muscle, both ends included."""
+        return self._parts * float(self._masses_kg.sum())
+
+    def inflated_loads(self, pressure_gauge_mpa: float, gravity_m_s2: Vector = UPRIGHT) -> MuscleLoads:
+        """Return a half muscle's pressure with gravity, the tip free."""
+        return MuscleLoads(pattern_pressures_mpa(self.section, pressure_gauge_mpa), gravity_m_s2=gravity_m_s2)
 
     def rest(self) -> MuscleState:
-        """Return the state without pressure and weight."""
+        """Return the state without loads."""
         points = self.mesh.points_mm
-        return self._state(points, 0.0, 0.0, self._contact.beside(points) if self._contact else None)
+        return self._state(points, MuscleLoads(), self._contact.beside(points) if self._contact else None)
 
-    def standing(self, gravity_factor: float = 1.0) -> MuscleState:
-        """Return the equilibrium of the upright muscle under its weight alone; a plate is put beside it then.
+    def standing(self, gravity_m_s2: Vector = UPRIGHT) -> MuscleState:
+        """Return the equilibrium of the muscle under its weight alone; a plate is put beside it then.
 
         Raises:
             LoadStepError: the weight could not be reached.
         """
         rest = self.rest()
-        alone = self.moved(replace(rest, contact=None), 0.0, gravity_factor)
+        alone = self.moved(replace(rest, contact=None), MuscleLoads(gravity_m_s2=gravity_m_s2))
         return replace(alone, contact=self._contact.beside(alone.positions_mm) if self._contact else None)
-
-    def inflated(self, pressure_gauge_mpa: float, gravity_factor: float = 1.0) -> MuscleState:
-        """Return the equilibrium of the muscle that stood upright under its weight and was inflated then.
-
-        Raises:
-            LoadStepError: the pressure could not be reached.
-        """
-        return self.moved(self.standing(gravity_factor), pressure_gauge_mpa, gravity_factor)
 
     def moved(
         self,
         start: MuscleState,
-        pressure_gauge_mpa: float,
-        gravity_factor: float,
+        loads: MuscleLoads,
         report: Callable[[MuscleState], None] | None = None,
+        control: StepControl | None = None,
     ) -> MuscleState:
-        """Return the equilibrium at the end of the straight way of pressure and weight from ``start``.
+        """Return the equilibrium at the end of the straight way of the loads from those of ``start``.
 
         Args:
             report: told every equilibrium on the way.
+            control: of this way's steps, instead of the model's.
 
         Raises:
+            MuscleLoadError: the model is half a muscle, and the loads are not symmetric.
             LoadStepError: the end could not be reached.
         """
-        begin = np.array([start.pressure_gauge_mpa, start.gravity_factor])
-        end = np.array([pressure_gauge_mpa, gravity_factor])
-        if np.array_equal(begin, end):
+        begin = start.loads
+        if not self.takes(loads):
+            raise MuscleLoadError(
+                f"half a muscle ({self.section}) takes loads that are symmetric in y = 0 only, found {loads}; "
+                "take the section 'full'"
+            )
+        if loads == begin:
             return start
         memory, revisions = start.contact, 0
-
-        def loads(part: float) -> tuple[float, float]:
-            pressure, gravity = begin + part * (end - begin)
-            return pressure, gravity
 
         def positions(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
             flat = self.mesh.points_mm.ravel().copy()
@@ -188,75 +211,155 @@ class WholeMuscle:
                     return False
                 memory, revisions = self._contact.settled(x, memory), 0
             if report is not None:
-                report(self._state(x, *loads(part), memory))
+                report(self._state(x, begin.toward(loads, part), memory))
             return True
 
         try:
             found = follow_load(
-                lambda q, part: self.forces_n(positions(q), *loads(part), memory).ravel()[self._free],
-                lambda q, part: self.tangent(positions(q), loads(part)[0], memory)[self._free][:, self._free],
+                lambda q, part: self.forces_n(positions(q), begin.toward(loads, part), memory).ravel()[self._free],
+                lambda q, part: self._tangent_of_free(positions(q), begin.toward(loads, part), memory),
                 start.positions_mm.ravel()[self._free],
                 self._solve,
-                self._control,
+                control or self._control,
                 accept,
                 chart,
             )
         except LoadStepError as error:
-            pressure, gravity = loads(error.reached)
+            reached = begin.toward(loads, error.reached)
             raise LoadStepError(
-                f"the muscle stopped at {1e3 * pressure:.2f} kPa and {gravity:.0%} of its weight: {error}",
-                1e3 * pressure,
+                f"the muscle stopped at {reached}: {error}", 1e3 * max(reached.pressures_gauge_mpa)
             ) from error
-        return self._state(positions(found), pressure_gauge_mpa, gravity_factor, memory)
+        return self._state(positions(found), loads, memory)
 
-    def potential_n_mm(self, x: NDArray[np.float64], pressure_gauge_mpa: float, gravity_factor: float) -> float:
-        """Return the potential of the half muscle [N mm] without the plate."""
-        weight = gravity_factor * float(self._weights_n @ x[:, 2])
-        return self._body.energy(x) - pressure_gauge_mpa * self._gas.value(x) + weight
+    def potential_n_mm(self, x: NDArray[np.float64], loads: MuscleLoads) -> float:
+        """Return the potential of the model [N mm], half of the muscle's in a half; without plate and moment."""
+        gas = sum(loads.pressures_gauge_mpa[chamber - 1] * gas.value(x) for chamber, gas in self._gas.items())
+        weight = float(self._masses_kg @ (x @ loads.gravity_m_s2))
+        tip = float(self._tip.pose(x).position_mm @ loads.tip_force_n) / self._parts
+        return self._body.energy(x) - gas - weight - tip
 
     def forces_n(
-        self,
-        x: NDArray[np.float64],
-        pressure_gauge_mpa: float,
-        gravity_factor: float,
-        memory: ContactMemory | None = None,
+        self, x: NDArray[np.float64], loads: MuscleLoads, memory: ContactMemory | None = None
     ) -> NDArray[np.float64]:
-        """Return the forces out of balance on all nodes of the half muscle, shape (nodes, 3)."""
-        force = self._body.forces(x) - pressure_gauge_mpa * self._gas.gradient(x)
-        force[:, 2] += gravity_factor * self._weights_n
+        """Return the forces out of balance on all nodes of the model, shape (nodes, 3)."""
+        force = self._body.forces(x) - self._masses_kg[:, None] * loads.gravity_m_s2
+        for chamber, gas in self._gas.items():
+            if pressure_mpa := loads.pressures_gauge_mpa[chamber - 1]:
+                force -= pressure_mpa * gas.gradient(x)
+        force[self._tip.nodes] -= self._tip.forces_n(x, np.array(loads.tip_force_n), loads.tip_torque_n_mm)
         if memory is not None and self._contact is not None:
             force[self._contact.nodes] -= self._contact.pushes_n(x, memory)
         return force
 
     def tangent(
-        self, x: NDArray[np.float64], pressure_gauge_mpa: float, memory: ContactMemory | None = None
-    ) -> csr_matrix:
-        """Return the derivative of :meth:`forces_n` over 3 node + component; symmetric unless there is friction."""
-        values, rows, columns = self._gas.hessian_entries(x)
-        gas = coo_matrix((pressure_gauge_mpa * values, (rows, columns)), (x.size, x.size)).tocsr()
-        stiffness = self._body.tangent(x) - gas
+        self, x: NDArray[np.float64], loads: MuscleLoads, memory: ContactMemory | None = None
+    ) -> csr_matrix | UpdatedMatrix:
+        """Return the derivative of :meth:`forces_n` over 3 node + component.
+
+        A sparse matrix, symmetric unless there is friction; with a moment at the tip its update of rank four.
+        """
+        stiffness = self._body.tangent(x)
+        for chamber, values in self._gas_hessians(x, loads).items():
+            places = self._gas[chamber].hessian_places
+            stiffness = stiffness + coo_matrix((values, places), (x.size, x.size)).tocsr()
         if memory is not None and self._contact is not None:
             stiffness = stiffness + self._contact.tangent(x, memory)
-        return stiffness
+        return self._with_torque(stiffness, x, loads, np.arange(x.size))
 
     def base_reaction_n(self, state: MuscleState) -> NDArray[np.float64]:
-        """Return the clamp's force on the muscle [N], x, y, z; y cancels by symmetry."""
-        loads = state.pressure_gauge_mpa, state.gravity_factor
-        force = self.forces_n(state.positions_mm, *loads, state.contact)[self.mesh.points_mm[:, 2] == 0.0]
-        return _HALVES * force.sum(axis=0) * (1.0, 0.0, 1.0)
+        """Return the clamp's force on the muscle [N], x, y, z."""
+        force = self.forces_n(state.positions_mm, state.loads, state.contact)[self.mesh.points_mm[:, 2] == 0.0]
+        return self._whole(force.sum(axis=0))
 
-    def _state(
-        self, x: NDArray[np.float64], pressure_gauge_mpa: float, gravity_factor: float, memory: ContactMemory | None
-    ) -> MuscleState:
-        push = np.zeros(3)
+    def takes(self, loads: MuscleLoads) -> bool:
+        """Whether the loads have the model's symmetry; all of the muscle takes any."""
+        pressures = loads.pressures_gauge_mpa
+        same = all(pressures[one - 1] == pressures[other - 1] for one, other in _SAME_CHAMBERS[self.section])
+        sideways = (loads.tip_force_n[1], loads.tip_torque_n_mm, loads.gravity_m_s2[1])
+        return not self.mirrored or (same and not any(sideways))
+
+    def symmetric_part(self, loads: MuscleLoads) -> MuscleLoads:
+        """Return the part of loads that a half takes: of two chambers the lower pressure, nothing across its plane."""
+        pressures = list(loads.pressures_gauge_mpa)
+        for one, other in _SAME_CHAMBERS[self.section]:
+            pressures[one - 1] = pressures[other - 1] = min(pressures[one - 1], pressures[other - 1])
+        first, second, third, fourth = pressures
+        force, gravity = loads.tip_force_n, loads.gravity_m_s2
+        return MuscleLoads(
+            (first, second, third, fourth), (force[0], 0.0, force[2]), gravity_m_s2=(gravity[0], 0.0, gravity[2])
+        )
+
+    def loads_in_frame(self, loads: MuscleLoads) -> MuscleLoads:
+        """Return loads of the muscle frame in the model's."""
+        return loads.turned(-_AZIMUTH_RAD[self.section])
+
+    def unfolded(self, state: MuscleState, half: WholeMuscle) -> MuscleState:
+        """Return the state of this model, of all of the muscle, that a half is the half of.
+
+        Args:
+            state: of the half, without a plate.
+            half: of the same geometry and resolution.
+
+        Raises:
+            ValueError: the nodes are not those of the half and their mirror images.
+        """
+        turn = Rotation.from_rotvec([0.0, 0.0, _AZIMUTH_RAD[half.section]])
+        rest = turn.inv().apply(self.mesh.points_mm)
+        sign = np.where(rest[:, 1:2] < -_SAME_NODE_MM, (1.0, -1.0, 1.0), 1.0)
+        distance, node = cKDTree(half.mesh.points_mm).query(rest * sign)
+        if distance.max() > _SAME_NODE_MM or len(self.mesh.points_mm) < len(half.mesh.points_mm):
+            raise ValueError("the two models have different meshes")
+        loads = state.loads.turned(_AZIMUTH_RAD[half.section])
+        return self._state(turn.apply(state.positions_mm[node] * sign), loads, None)
+
+    def _tangent_of_free(
+        self, x: NDArray[np.float64], loads: MuscleLoads, memory: ContactMemory | None
+    ) -> csr_matrix | UpdatedMatrix:
+        """The rows and columns of :meth:`tangent` that belong to the unknowns."""
+        free, body = self._free, self._body.tangent(x)
+        if self._free_matrix is None:
+            places = {chamber: gas.hessian_places for chamber, gas in self._gas.items()}
+            self._free_matrix = FreeMatrix(body, free, places)
+        stiffness = self._free_matrix.of(body, self._gas_hessians(x, loads))
         if memory is not None and self._contact is not None:
-            push = -_HALVES * self._contact.pushes_n(x, memory).sum(axis=0) * (1.0, 0.0, 1.0)
+            stiffness = stiffness + self._contact.tangent(x, memory)[free][:, free]
+        return self._with_torque(stiffness, x, loads, free)
+
+    def _gas_hessians(self, x: NDArray[np.float64], loads: MuscleLoads) -> dict[int, NDArray[np.float64]]:
+        """What the gas adds to the tangent, at its ``hessian_places``, by chamber under pressure."""
+        return {
+            chamber: -pressure_mpa * gas.hessian_values(x)
+            for chamber, gas in self._gas.items()
+            if (pressure_mpa := loads.pressures_gauge_mpa[chamber - 1])
+        }
+
+    def _with_torque(
+        self, stiffness: csr_matrix, x: NDArray[np.float64], loads: MuscleLoads, kept: NDArray[np.int64]
+    ) -> csr_matrix | UpdatedMatrix:
+        if not loads.tip_torque_n_mm:
+            return stiffness
+        components = (3 * self._tip.nodes[:, None] + np.arange(3)).ravel()
+        left, right = np.zeros((2, x.size, 4))
+        left[components], right[components] = self._tip.torque_tangent(x, loads.tip_torque_n_mm)
+        return UpdatedMatrix(stiffness, left[kept], right[kept])
+
+    def _whole(self, force_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The whole muscle's force from the model's; y cancels by symmetry."""
+        return 2.0 * force_n * (1.0, 0.0, 1.0) if self.mirrored else force_n
+
+    def _state(self, x: NDArray[np.float64], loads: MuscleLoads, memory: ContactMemory | None) -> MuscleState:
+        push, tip = np.zeros(3), self._tip.pose(x)
+        if memory is not None and self._contact is not None:
+            push = -self._whole(self._contact.pushes_n(x, memory).sum(axis=0))
         return MuscleState(
-            pressure_gauge_mpa=float(pressure_gauge_mpa),
-            gravity_factor=float(gravity_factor),
-            tip_angle_rad=float(self.frames.angles_rad(x)[-1]),
-            gas_volume_mm3=_HALVES * self._gas.value(x),
+            loads=loads,
+            tip=tip,
+            tip_angle_rad=self.frames.angle_rad(x, tip.direction),
+            gas_volume_mm3=self._parts * self._volume_under_pressure_mm3(x, loads),
             plate_force_n=push,
             positions_mm=x,
             contact=memory,
         )
+
+    def _volume_under_pressure_mm3(self, x: NDArray[np.float64], loads: MuscleLoads) -> float:
+        return sum(gas.value(x) for chamber, gas in self._gas.items() if loads.pressures_gauge_mpa[chamber - 1])

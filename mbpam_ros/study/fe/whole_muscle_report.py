@@ -16,7 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
+from mbpam_ros.study.fe.muscle_loads import UPRIGHT
 from mbpam_ros.study.fe.muscle_mesh import EndPieces
 from mbpam_ros.study.fe.plate_contact import STICKING, Plate
 from mbpam_ros.study.fe.solve import LoadStepError
@@ -145,13 +147,12 @@ def run_case(name: str, case: Case) -> dict:
     the values of its last equilibrium.
     """
     began_s = time.process_time()
-    muscle = case.muscle()
+    muscle, gravity = case.muscle(), (0.0, 0.0, case.gravity_factor * UPRIGHT[2])
     states: list[MuscleState] = []
     failure = None
     try:
-        upright = muscle.standing(case.gravity_factor)
-        states.append(upright)
-        muscle.moved(upright, NOMINAL_MPA, case.gravity_factor, states.append)
+        states.append(muscle.standing(gravity))
+        muscle.moved(states[0], muscle.inflated_loads(NOMINAL_MPA, gravity), states.append)
     except LoadStepError as error:
         failure = str(error)
     last = states[-1] if states else muscle.rest()
@@ -161,21 +162,25 @@ def run_case(name: str, case: Case) -> dict:
         "unknowns": muscle.unknown_count,
         "cells": len(muscle.mesh.cells),
         "cpu_s": round(time.process_time() - began_s, 1),
-        "weight_n": muscle.weight_n,
-        "p_kpa": 1e3 * last.pressure_gauge_mpa,
+        "weight_n": muscle.mass_kg * GRAVITY_M_S2,
+        "p_kpa": _p_kpa(last),
         "theta_deg": math.degrees(last.tip_angle_rad),
         "force_n": -float(last.plate_force_n[0]),
         "drag_n": float(last.plate_force_n[2]),
         "gas_volume_mm3": last.gas_volume_mm3,
         "failure": failure,
         "curve": {
-            "p_kpa": [1e3 * state.pressure_gauge_mpa for state in states],
+            "p_kpa": [_p_kpa(state) for state in states],
             "theta_deg": [math.degrees(state.tip_angle_rad) for state in states],
             "force_n": [-float(state.plate_force_n[0]) for state in states],
         },
         "cut_mm": _cut(muscle, last).round(3).tolist(),
         "sections_mm": [section.round(3).tolist() for section in _sections(muscle, last)],
     }
+
+
+def _p_kpa(state: MuscleState) -> float:
+    return 1e3 * state.loads.pressures_gauge_mpa[0]
 
 
 def unit_cells_deg(case: Case) -> float:
@@ -295,8 +300,7 @@ def _sections(muscle: WholeMuscle, state: MuscleState) -> list[np.ndarray]:
     found = []
     for z_mm in (crest_mm, crest_mm + 0.5 * geometry.wave_length_mm):
         plane = int(np.abs(frames.z_mm - z_mm).argmin())
-        angle = frames.angles_rad(state.positions_mm)[plane]
-        along = state.positions_mm[:, 0] * math.cos(angle) + state.positions_mm[:, 2] * math.sin(angle)
+        along = state.positions_mm @ frames.rotations(state.positions_mm)[plane, :, 0]
         faces = corners[(np.abs(muscle.mesh.points_mm[corners, 2] - frames.z_mm[plane]) < 1e-6).all(axis=1)]
         quads = np.stack([along[faces], state.positions_mm[faces, 1]], axis=-1)
         found.append(quads - (quads[..., 0].mean(), 0.0))

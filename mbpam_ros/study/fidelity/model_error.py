@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from mbpam_ros.actuator.design import MuscleGeometry
@@ -31,15 +32,17 @@ def model_errors(states: Path, law: RodLaw, geometry: MuscleGeometry) -> tuple[M
     Args:
         states: a file of ``mbpam fe states``.
         law: of the rods: the finite elements', of the same mesh.
-        geometry: of the muscle.
+        geometry: of the muscle; its mass is that of the file, where it says one.
 
     Raises:
         MuscleStateError: the file cannot be read.
         StrainLawError: the law says nothing of a strain.
         RodSolutionError: a rod has no equilibrium in a state.
     """
-    rows = read_states(states)
-    return tuple(_model_error(rows, strains, law, geometry) for strains in STRAIN_SETS)
+    answered = read_states(states)
+    mass_kg_m = answered.mass_per_length_kg_m or geometry.mass_per_length_kg_m
+    muscle = replace(geometry, mass_per_length_kg_m=mass_kg_m)
+    return tuple(_model_error(answered.rows, strains, law, muscle) for strains in STRAIN_SETS)
 
 
 def _model_error(rows: Sequence[dict], strains: tuple[str, ...], law: RodLaw, geometry: MuscleGeometry) -> ModelError:

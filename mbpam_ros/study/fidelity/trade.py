@@ -22,32 +22,34 @@ from mbpam_ros.terminal import Progress
 PNEUMATICS = ("ideal", "lag", "iso6358")
 STEPS_S = (0.0005, 0.001, 0.002, 0.005, 0.01)
 MODES = (2, 3, 4, 5)
-STRAIN_MODES = ((0, 0), (0, STRETCH_MODES), (TWIST_MODES, STRETCH_MODES))
-"""Modes of twist and stretch of a rod that bends, that stretches too, and that does all."""
+STRAIN_MODES = ((0, STRETCH_MODES), (TWIST_MODES, STRETCH_MODES))
+"""Modes of twist and stretch of a rod that stretches besides bending, and of one that does all."""
 QUICK_CASES = ("free_bend", "lift")
 
 
 def fidelities(
-    steps_s: Sequence[float] = STEPS_S,
-    modes: Sequence[int] = MODES,
-    pneumatics: Sequence[str] = PNEUMATICS,
-    strain_modes: Sequence[tuple[int, int]] = STRAIN_MODES,
+    steps_s: Sequence[float] = STEPS_S, modes: Sequence[int] = MODES, pneumatics: Sequence[str] = PNEUMATICS
 ) -> tuple[Fidelity, ...]:
     """Return all fidelities of a grid; ``static``, exact at any step, is there once."""
-    muscles = [Fidelity("static", 1, TICK_S)]
-    muscles += [Fidelity("arc", 1, step) for step in steps_s]
-    muscles += [
-        Fidelity("rod", count, step, twist_modes=twist, stretch_modes=stretch)
-        for twist, stretch in strain_modes
-        for count in modes
-        for step in steps_s
-    ]
-    return tuple(dataclasses.replace(muscle, pneumatics=model) for muscle in muscles for model in pneumatics)
+    muscles = [("static", 1, TICK_S)]
+    muscles += [("arc", 1, step) for step in steps_s]
+    muscles += [("rod", count, step) for count in modes for step in steps_s]
+    return tuple(Fidelity(*muscle, model) for muscle in muscles for model in pneumatics)
+
+
+def with_strains(grid: Sequence[Fidelity]) -> tuple[Fidelity, ...]:
+    """Return a grid with its rods once more for each of :data:`STRAIN_MODES`."""
+    rods = [each for each in grid if each.tier == "rod"]
+    return tuple(grid) + tuple(
+        dataclasses.replace(each, twist_modes=twist, stretch_modes=stretch)
+        for twist, stretch in STRAIN_MODES
+        for each in rods
+    )
 
 
 def quick_fidelities() -> tuple[Fidelity, ...]:
     """Return a few fidelities that differ much."""
-    return fidelities((0.002, 0.005), (2, 3), ("lag", "iso6358"), STRAIN_MODES[:1])
+    return fidelities(steps_s=(0.002, 0.005), modes=(2, 3), pneumatics=("lag", "iso6358"))
 
 
 def can_run(case: Case, fidelity: Fidelity) -> bool:

@@ -136,3 +136,23 @@ def test_a_small_change_of_pressure_changes_stretch_and_twist_little(law, pressu
     near, at = law.strain_law(pressure + np.eye(4)[chamber]), law.strain_law(pressure)
     for one, other, size in zip(near, at, (0.3, 1e-3, at.axial_stiffness_n, at.torsion_stiffness_n_m2), strict=True):
         assert np.abs(one - other).max() <= 20.0 / 4e4 * size
+
+
+@given(PRESSURES)
+def test_the_curve_turns_and_mirrors_with_the_pressures(pressure):
+    stiffening, side = LAW.bend_curve(pressure)
+    for moved, expected in (
+        (np.roll(pressure, 1), quarter_turned(stiffening)),
+        (pressure[::-1], stiffening * [1.0, -1.0]),
+        (pressure[[0, 3, 2, 1]], stiffening[::-1]),
+    ):
+        found = LAW.bend_curve(moved)
+        np.testing.assert_allclose(found.stiffening_n_m3, expected, atol=1e-18)
+        assert found.side_n_m2 == side
+
+
+@given(PRESSURES)
+def test_the_curve_leaves_the_section_stiff_to_both_sides(pressure):
+    (moment, stiffness), (stiffening, side) = LAW.moment_and_stiffness(pressure), LAW.bend_curve(pressure)
+    assert stiffness + side > 0.0
+    assert np.hypot(*stiffening) * np.hypot(*moment) / stiffness < stiffness  # B - Q kappa_free, straight

@@ -51,6 +51,9 @@ bodies = st.builds(
 )
 
 
+directions = st.sampled_from([(0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)])
+
+
 @st.composite
 def setups(draw):
     """Name of a tier and its setup, the object in place or none."""
@@ -76,8 +79,12 @@ def setups(draw):
         planes_m=np.empty((0, 3)) if body is None else STAND,
         config=config,
         fingers_touch=True,
+        gravity_direction=(0.0, 0.0, 1.0) if name == "static" else draw(directions),
     )
-    return setup, Fidelity(name, draw(st.integers(1, 6)) if name == "rod" else 1, draw(steps))
+    if name != "rod":
+        return setup, Fidelity(name, 1, draw(steps))
+    modes, twist, stretch = draw(st.integers(1, 6)), draw(st.integers(0, 4)), draw(st.integers(0, 4))
+    return setup, Fidelity(name, modes, draw(steps), twist_modes=twist, stretch_modes=stretch)
 
 
 def assert_finite(value):
@@ -92,7 +99,7 @@ def test_any_step_ends_finite_or_in_an_error_that_says_what_to_change(setup, des
     """Pressures from one set to another within the first step, at times a hand that is raised by 0.1 m meanwhile."""
     setup, fidelity = setup
     law = calibrated_rod_law(MuscleDesign(*design), GRIPPER.geometry)
-    before, after = (Actuation(*law.moment_and_stiffness(pressure)) for pressure in (start, end))
+    before, after = (Actuation(*law.moment_and_stiffness(each), law.strain_law(each)) for each in (start, end))
     tier = build_tier(setup, fidelity)
     tier.reset(before)
     try:

@@ -73,6 +73,31 @@ def test_samples_that_make_no_law_are_refused(field, change, message):
         changed(law, **{field: change(getattr(law, field))})
 
 
+@pytest.mark.parametrize(("pattern", "left"), [("pdc", (0.06, 0.02)), ("psc", (0.24, 0.20))])
+def test_the_curve_leaves_of_the_samples_what_is_stated_and_keeps_both_states_of_the_line(pattern, left):
+    law = LAWS[pattern]
+    curvature, free = law.curvature_per_m, law.free_curvature_per_m[:, None]
+    residual = law.line_residual_n_m + law.stiffening_n_m3[:, None] * curvature * (curvature - free)
+    rms = np.sqrt(np.mean(residual**2, axis=1))
+    assert (1e3 * rms[10], 1e3 * rms[12]) == pytest.approx(left, abs=0.006)
+    assert (rms <= np.sqrt(np.mean(law.line_residual_n_m**2, axis=1))).all()
+    assert (law.stiffening_n_m3 >= 0.0).all() and not law.stiffening_n_m3[: {"pdc": 7, "psc": 9}[pattern]].any()
+    assert (law.stiffening_n_m3[{"pdc": 7, "psc": 9}[pattern] :] > 0.0).all()
+
+
+@BOTH_PATTERNS
+@pytest.mark.parametrize(
+    ("name", "worst", "at_100_kpa"), [("axial_stiffness_n", 0.12, 0.11), ("torsion_stiffness_n_m2", 0.071, 0.055)]
+)
+def test_axial_and_torsional_stiffness_change_with_the_bend_as_stated(pattern, name, worst, at_100_kpa):
+    law = LAWS[pattern]
+    straight = getattr(law, name)[:, np.flatnonzero(law.curvature_per_m == 0.0)[0]]
+    rise = law.free_stiffness(name) / straight - 1.0
+    assert np.abs(rise).max() < worst
+    if pattern == "pdc":
+        assert rise[10] == pytest.approx(at_100_kpa, abs=5e-3)
+
+
 def test_axial_and_torsional_stiffness_are_read_from_the_file_and_taken_at_the_free_bend(tmp_path, monkeypatch):
     content = json.loads(config_path(LAW_FILE).read_text(encoding="utf-8"))
     for row in content["tables"]:

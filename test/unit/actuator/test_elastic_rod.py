@@ -4,6 +4,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from mbpam_ros.actuator.design import MuscleGeometry
@@ -17,11 +18,12 @@ from mbpam_ros.actuator.elastic_rod import (
     solid_end,
 )
 from mbpam_ros.actuator.planar_rod import RodSolutionError, rod_tip_angle
-from mbpam_ros.actuator.rod_law import RodLaw, StrainLaw, StrainLawError
+from mbpam_ros.actuator.rod_law import RodLaw, StrainLaw, StrainLawError, finite_element_rod_law
 
 GEOMETRY = MuscleGeometry(outer_radius_m=0.01, end_length_m=0.015, active_length_m=0.1, mass_per_length_kg_m=0.162)
 ACTIVE, END = GEOMETRY.active_length_m, GEOMETRY.end_length_m
 BENT = RodSection(-0.035, 0.02, 1.7e-3, 0.16, 1.5e-3, -0.8e-3, 1.0 / 20.0, 1.0 / 1.0e-3)
+CURVED = BENT._replace(stiffening_n_m3=1e-5, side_n_m2=-1.5e-4)
 STRAIGHT = RodSection(0.0, 0.0, 1.2e-3, 0.0, 0.0, 0.0, 1.0 / 30.0, 1.0 / 0.9e-3)
 EVERYTHING = RodLoads((0.02, 0.05, -0.03), 2e-3, (3.0, 4.0, -8.0))
 WEIGHTLESS = (0.0, 0.0, 0.0)
@@ -39,7 +41,21 @@ def test_the_error_of_the_tip_falls_with_the_fourth_power_of_the_step_and_is_sma
     assert errors[1] < 1e-6
 
 
-def test_bend_stretch_and_twist_under_all_loads_are_those_of_a_collocation_solver():
+def bend_of(load, section):
+    """Curvature at which the energy B k^2 / 2 + Q (k^3 / 3 - k_free k^2 / 2) + S k_s^2 / 2 has the slope ``load``."""
+    intrinsic = np.array([section.moment_x_n_m, section.moment_y_n_m])
+    toward = intrinsic / np.linalg.norm(intrinsic)
+    side = np.array([-toward[1], toward[0]])
+    free = np.linalg.norm(intrinsic) / section.stiffness_n_m2
+
+    def left(k):
+        return section.stiffness_n_m2 * k + section.stiffening_n_m3 * k * (k - free) - load @ toward
+
+    return brentq(left, -40.0, 120.0) * toward + load @ side / (section.stiffness_n_m2 + section.side_n_m2) * side
+
+
+@pytest.mark.parametrize("of", [BENT, CURVED], ids=["line", "curve"])
+def test_bend_stretch_and_twist_under_all_loads_are_those_of_a_collocation_solver(of):
     """SciPy's solve_bvp on forces, moments and energy written with matrices: it shares neither march nor Newton."""
     weight = GEOMETRY.mass_per_length_kg_m * np.array(EVERYTHING.gravity_m_s2)
     force, slope = np.array(EVERYTHING.tip_force_n), np.array([BENT.slope_x_m, BENT.slope_y_m])
@@ -52,7 +68,7 @@ def test_bend_stretch_and_twist_under_all_loads_are_those_of_a_collocation_solve
             body = Rotation.from_quat(rotation)
             n = share * (force + weight * (beyond - length))
             local_n, local_m = body.inv().apply(n), body.inv().apply(moment)
-            bend = (intrinsic + local_n[2] * slope + [local_m[1], -local_m[0]]) / BENT.stiffness_n_m2
+            bend = bend_of(intrinsic + local_n[2] * slope + [local_m[1], -local_m[0]], of)
             twist = local_m[2] * BENT.torsion_compliance_per_n_m2
             stretch = 1.0 + BENT.free_stretch + slope @ bend + local_n[2] * BENT.axial_compliance_per_n
             forward = stretch * body.apply([0.0, 0.0, 1.0])
@@ -89,7 +105,7 @@ def test_bend_stretch_and_twist_under_all_loads_are_those_of_a_collocation_solve
         )
         assert found.success
         s, guess = found.x, found.y
-    ours = rod_at_rest(BENT, GEOMETRY, EVERYTHING)
+    ours = rod_at_rest(of, GEOMETRY, EVERYTHING)
     axis = Rotation.from_quat(found.y[:4, -1]).apply([0.0, 0.0, 1.0])
     np.testing.assert_allclose(ours.tip_position_m, found.y[7:, -1] + END * axis, atol=1e-5 * ACTIVE)
     np.testing.assert_allclose(ours.tip_direction, axis, atol=1e-5)
@@ -163,16 +179,18 @@ def test_without_loads_the_axis_is_an_arc_of_the_free_stretch():
     angle = curvature * ACTIVE
     across = stretch * (1.0 - math.cos(angle)) / curvature + END * math.sin(angle)
     along = stretch * math.sin(angle) / curvature + END * (1.0 + math.cos(angle))
-    np.testing.assert_allclose(tip(BENT, free), [*(across * away), along], atol=1e-7)
+    for of in (BENT, CURVED):
+        np.testing.assert_allclose(tip(of, free), [*(across * away), along], atol=1e-7)
 
 
-def test_the_tip_yields_to_forces_as_one_energy_asks():
+@pytest.mark.parametrize("of", [BENT, CURVED], ids=["line", "curve"])
+def test_the_tip_yields_to_forces_as_one_energy_asks(of):
     """The compliance d tip / d force of a loaded, bent, stretched and twisted rod is symmetric: the loads are dead."""
     loads, nudge = dataclasses.replace(EVERYTHING, tip_torque_n_m=0.0), 1e-4
     compliance = np.empty((3, 3))
     for axis in range(3):
         moved = [np.array(loads.tip_force_n) + sign * nudge * np.eye(3)[axis] for sign in (1.0, -1.0)]
-        tips = [tip(BENT, dataclasses.replace(loads, tip_force_n=tuple(force))) for force in moved]
+        tips = [tip(of, dataclasses.replace(loads, tip_force_n=tuple(force))) for force in moved]
         compliance[:, axis] = (tips[0] - tips[1]) / (2.0 * nudge)
     np.testing.assert_allclose(compliance, compliance.T, atol=1e-5 * np.abs(compliance).max())
     assert (np.linalg.eigvalsh(0.5 * (compliance + compliance.T)) > 0.0).all()
@@ -207,7 +225,7 @@ def synthetic_law():
 def test_strains_that_are_left_out_are_none_and_unknown_ones_are_refused():
     law, pressure = synthetic_law(), [1e5, 0.0, 0.0, 1e5]
     full, stiff = rod_section(law, pressure, STRAINS), rod_section(law, pressure, ("bend",))
-    assert stiff[3:] == (0.0, 0.0, 0.0, 0.0, 0.0)
+    assert stiff[3:] == (0.0,) * 7
     assert full[:3] == stiff[:3]
     assert rod_section(law, pressure, ("bend", "twist")) == full._replace(
         free_stretch=0.0, slope_x_m=0.0, slope_y_m=0.0, axial_compliance_per_n=0.0
@@ -222,6 +240,21 @@ def test_strains_that_are_left_out_are_none_and_unknown_ones_are_refused():
     assert rod_section(bare, pressure, ("bend",)) == stiff
     with pytest.raises(StrainLawError):
         rod_section(bare, pressure, STRAINS)
+
+
+def test_the_curve_of_the_law_is_its_departure_from_the_line_along_and_across_the_moment():
+    law, pressure = finite_element_rod_law(), [1e5, 5e4, 0.0, 0.0]
+    line, curve = (rod_section(law, pressure, STRAINS, bending) for bending in ("line", "curve"))
+    assert curve[:8] == line[:8] and line[8:] == (0.0, 0.0)
+    of, (moment, _) = law.bend_curve(pressure), law.moment_and_stiffness(pressure)
+    assert curve.stiffening_n_m3 == pytest.approx(of.stiffening_n_m3 @ moment / np.hypot(*moment))
+    assert curve.side_n_m2 == of.side_n_m2
+    balanced = rod_section(law, [1e5, 0.0, 1e5, 0.0], STRAINS, "curve")
+    assert balanced[8:] == (0.0, 0.0)
+    with pytest.raises(ValueError, match="'arc'; known: line, curve"):
+        rod_section(law, pressure, STRAINS, "arc")
+    with pytest.raises(StrainLawError, match="side_bend_stiffness_n_mm2"):
+        rod_section(synthetic_law(), pressure, STRAINS, "curve")
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.chambers import pressurised_chambers
 from mbpam_ros.actuator.equilibrium import hanging_bend
 from mbpam_ros.actuator.rod_law import (
+    BendCurve,
     PatternFactors,
     RodLaw,
     StrainLaw,
@@ -60,6 +61,20 @@ def test_the_uncalibrated_law_returns_free_bend_and_straight_moment_of_the_unit_
     size = np.hypot(*moment.T)
     np.testing.assert_allclose(size / stiffness, cell.free_curvature_per_m, atol=1e-9)
     np.testing.assert_allclose(size, cell.straight_moment_n_m, atol=1e-9)
+
+
+@pytest.mark.parametrize(("pattern", "chambers"), [("psc", [1, 0, 0, 0]), ("pdc", [0, 0, 1, 1])])
+def test_the_uncalibrated_law_returns_stretch_and_stiffnesses_of_the_free_unit_cell(pattern, chambers):
+    cell, law = stored_cell_laws()[pattern], finite_element_rod_law()
+    pressure = cell.pressure_gauge_pa[1:, None] * np.array(chambers)
+    found, (moment, stiffness) = law.strain_law(pressure), law.moment_and_stiffness(pressure)
+    free = found.free_stretch + np.sum(found.stretch_per_curvature_m * moment, axis=1) / stiffness
+    expected = (cell.straight_stretch + cell.stretch_slope_m * cell.free_curvature_per_m - 1.0)[1:]
+    np.testing.assert_allclose(free, expected, atol=1e-9)
+    np.testing.assert_allclose(found.axial_stiffness_n, cell.free_stiffness("axial_stiffness_n")[1:], rtol=1e-9)
+    np.testing.assert_allclose(
+        found.torsion_stiffness_n_m2, cell.free_stiffness("torsion_stiffness_n_m2")[1:], rtol=1e-9
+    )
 
 
 @pytest.mark.parametrize("pattern", ["psc", "pdc"])
@@ -209,3 +224,37 @@ def test_stretch_and_twist_of_a_missing_reading_are_unknown_and_of_other_than_fo
 def test_a_law_of_stretch_and_twist_that_cannot_be_is_refused(change, message):
     with pytest.raises(ValueError, match=message):
         table_law([1.0, 2.0], [1.0, 2.0], psc_strains=strains(**change), pdc_strains=PDC_STRAINS)
+
+
+@pytest.mark.parametrize(("pattern", "chambers"), [("psc", [0, 0, 1, 0]), ("pdc", [0, 1, 1, 0])])
+def test_the_curve_of_psc_and_pdc_comes_back_exactly(pattern, chambers):
+    cell, law = stored_cell_laws()[pattern], finite_element_rod_law()
+    pressure = cell.pressure_gauge_pa[:, None] * np.array(chambers)
+    found, (moment, stiffness) = law.bend_curve(pressure), law.moment_and_stiffness(pressure)
+    toward = moment[1:] / np.hypot(*moment[1:].T)[:, None]
+    np.testing.assert_allclose(found.stiffening_n_m3[1:], cell.stiffening_n_m3[1:, None] * toward, atol=1e-12)
+    np.testing.assert_array_equal(found.stiffening_n_m3[0], 0.0)
+    side = cell.free_stiffness("side_stiffness_n_m2")
+    np.testing.assert_allclose(found.side_n_m2[1:] + stiffness[1:], side[1:], rtol=1e-9)
+    assert found.side_n_m2[0] == 0.0
+
+
+def test_scaling_keeps_the_shape_of_the_curve():
+    """M over its own M0, over the bend's share of the free one."""
+    law = finite_element_rod_law()
+    scaled = law.scaled(psc=PatternFactors(1.2, 0.9), pdc=PatternFactors(0.9, 0.8))
+    shapes = []
+    for of in (law, scaled):
+        moment, stiffness = of.at_nominal_pressure("pdc")
+        share, free = np.linspace(-0.5, 1.5, 9), moment / stiffness
+        stiffening = of.pdc_curve.stiffening_n_m3[1000]
+        shapes.append((stiffness * share * free - moment + stiffening * free**2 * share * (share - 1.0)) / moment)
+        side = law.pdc_curve.side_n_m2[1000] / law.at_nominal_pressure("pdc")[1]
+        assert of.pdc_curve.side_n_m2[1000] / stiffness == pytest.approx(side)
+    np.testing.assert_allclose(*shapes, rtol=1e-9)
+
+
+def test_a_curve_that_departs_without_pressure_is_refused():
+    curve = BendCurve(np.array([1e-6, 1e-6]), np.zeros(2))
+    with pytest.raises(ValueError, match="departure from the line must be 0"):
+        table_law([1.0, 2.0], [1.0, 2.0], psc_curve=curve, pdc_curve=curve)

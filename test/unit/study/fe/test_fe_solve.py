@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import csr_matrix
 
 from mbpam_ros.study.fe import solve
-from mbpam_ros.study.fe.solve import Chart, LoadStepError, StepControl, follow_load, linear_solver
+from mbpam_ros.study.fe.solve import Chart, LoadStepError, StepControl, UpdatedMatrix, follow_load, linear_solver
 
 SUPERLU = linear_solver("superlu")
 
@@ -147,3 +147,58 @@ def test_a_solver_is_right_for_other_values_and_other_patterns_than_its_last():
         right = rng.standard_normal((size, columns))
         assert matrix @ solve(matrix, right) == pytest.approx(right)
         assert matrix @ solve(matrix, right[:, 0]) == pytest.approx(right[:, 0])
+
+
+def test_a_solver_is_right_for_other_values_at_the_same_indices_and_for_the_same_size_at_others():
+    """The last matrix's indices tell where the upper triangle is only to a matrix that shares them."""
+    pytest.importorskip("pypardiso")
+    solve, rng = linear_solver("pardiso"), np.random.default_rng(4)
+    dense = rng.standard_normal((8, 8)) * (rng.random((8, 8)) < 0.4)
+    first, right = csr_matrix(dense + dense.T + 4.0 * np.eye(8)), rng.standard_normal(8)
+    shares = csr_matrix(first.shape)
+    shares.data, shares.indices, shares.indptr = first.data**3, first.indices, first.indptr
+    other = csr_matrix(np.flip(first.toarray()))
+    for matrix in (first, shares, other, shares):
+        assert matrix @ solve(matrix, right) == pytest.approx(right)
+
+
+def test_an_update_of_low_rank_is_solved_with_the_symmetric_matrix_alone():
+    rng = np.random.default_rng(5)
+    dense = rng.standard_normal((7, 7))
+    symmetric = csr_matrix(dense + dense.T + 10.0 * np.eye(7))
+    left, right, load = rng.standard_normal((7, 3)), rng.standard_normal((7, 3)), rng.standard_normal(7)
+    found = UpdatedMatrix(symmetric, left, right).solve(SUPERLU, load)
+    assert (symmetric.toarray() - left @ right.T) @ found == pytest.approx(load)
+
+
+def test_a_follower_load_converges_as_newtons_method_does():
+    """A rod of two links with torsion springs under a follower force: an unsymmetric tangent of low rank."""
+    iterations = []
+
+    def residual(q, load):
+        iterations.append(load)
+        return np.array([2.0 * q[0] - q[1] - 1.5 * load * np.sin(q[1] - q[0]), q[1] - q[0] - load])
+
+    def tangent(q, load):
+        bend = 1.5 * load * np.cos(q[1] - q[0])
+        symmetric = csr_matrix([[2.0, -1.0], [-1.0, 1.0]])
+        return UpdatedMatrix(symmetric, np.array([[1.0], [0.0]]), np.array([[-bend], [bend]]))
+
+    found = follow_load(residual, tangent, np.zeros(2), SUPERLU, StepControl(first_step=1.0, residual_n=1e-10))
+    assert found[1] - found[0] == pytest.approx(1.0)
+    assert len(iterations) <= 6
+
+
+def test_guesses_follow_a_cubic_way_exactly_in_the_charts_coordinates():
+    """Four equilibria tell where the fifth is, whose coordinate is a cubic of the load."""
+    first_guesses = {}
+
+    def residual(q, load):
+        first_guesses.setdefault(load, abs(q[0] - load))
+        return q - load
+
+    chart = Chart(lambda q: q**3 + 3.0 * q**2, lambda rho: np.roots([1.0, 3.0, 0.0, -rho[0]]).real.max(keepdims=True))
+    fifths = StepControl(residual_n=1e-12, first_step=0.2, largest_step=0.2)
+    follow_load(residual, lambda q, load: csr_matrix([[1.0]]), np.zeros(1), SUPERLU, fifths, chart=chart)
+    assert max(off for load, off in first_guesses.items() if load > 0.7) < 1e-9
+    assert first_guesses[0.2] == pytest.approx(0.2)

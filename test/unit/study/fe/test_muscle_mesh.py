@@ -46,6 +46,26 @@ def test_cells_have_volume_and_blocks_share_their_nodes(pattern, ends, quadratic
 
 
 @BOTH_ENDS
+@pytest.mark.parametrize("arm", [1, 2])
+@BOTH_ELEMENTS
+def test_the_full_section_has_its_chambers_where_they_belong_and_twice_the_halfs_solid(arm, ends, quadratic):
+    full, half = (muscle_mesh(GEOMETRY, Resolution(4, 1, arm, 2, 2, quadratic), each, ends) for each in ("full", "pdc"))
+    assert cell_volumes(full).min() > 0.0
+    assert cell_volumes(full).sum() == pytest.approx(2.0 * cell_volumes(half).sum(), rel=1e-12)
+    assert np.array_equal(np.unique(full.cells), np.arange(len(full.points_mm)))
+    for chamber, faces in full.faces.items():
+        x, y, _ = full.points_mm[faces].mean(axis=(0, 1))
+        assert math.degrees(math.atan2(y, x)) % 360.0 == pytest.approx(90.0 * chamber - 45.0)
+        volume = ChamberVolume(faces)
+        closed = volume.value(full.points_mm + (3.0, 5.0, -7.0))
+        assert closed == pytest.approx(volume.value(full.points_mm), rel=1e-9)
+        assert closed == pytest.approx(ChamberVolume(half.faces[2]).value(half.points_mm), rel=1e-9)
+    tip = full.points_mm[full.tip_face]
+    assert np.all(tip[..., 2] == full.length_mm)
+    assert len(tip) == 2 * len(half.tip_face)
+
+
+@BOTH_ENDS
 @BOTH_PATTERNS
 def test_solid_and_gas_fill_half_the_muscle(pattern, ends):
     mesh = muscle_mesh(GEOMETRY, FINE, pattern, ends)
@@ -93,7 +113,9 @@ def test_a_muscle_that_does_not_end_in_a_crest_is_refused_and_so_is_a_mesh_that_
         muscle_mesh(CellGeometry(wave_count=2.5), SMALL, "pdc")
     with pytest.raises(CellGeometryError, match="filling a cap"):
         muscle_mesh(GEOMETRY, Resolution(spoke=1), "pdc")
-    with pytest.raises(ValueError, match="pdc, psc"):
+    with pytest.raises(CellGeometryError, match="cuts the core's quarters"):
+        muscle_mesh(GEOMETRY, Resolution(arm=1), "psc")
+    with pytest.raises(ValueError, match="pdc, psc, full"):
         muscle_mesh(GEOMETRY, SMALL, "all")
 
 

@@ -170,6 +170,24 @@ def test_the_command_writes_rows_picture_and_a_table_that_the_planner_reads(shor
     assert cv2.imread(str(file.with_suffix(".png"))) is not None
 
 
+def test_with_strains_rods_are_measured_against_references_that_stretch_and_twist_too(short_trade, monkeypatch):
+    states = short_trade / "states.json"
+    state = {"pattern": "pdc", "pressure_kpa": 100.0, "tip_torque_n_mm": 0.0, "gravity_m_s2": [0.0, 0.0, 9.81]}
+    state |= {"tip_direction": [-0.8, 0.0, -0.6], "tip_roll_deg": 0.0}
+    answers = (([0.0, 0.0, 0.0], [-93.0, 0.0, 48.0]), ([0.0, 0.05, 0.0], [-92.0, 15.0, 48.0]))
+    rows = [state | {"tip_force_n": force, "tip_position_mm": tip} for force, tip in answers]
+    states.write_text(json.dumps({"states": rows}))
+    monkeypatch.setattr(trade_command, "states_file", lambda: states)
+    file, table = short_trade / "trade.json", short_trade / "table.json"
+    assert main(["trade", "--quick", "--strains", "--json", str(file), "--table", str(table)]) == 0
+    loaded = load_fidelity_table(table)
+    rods = {row.fidelity.strains: row for row in loaded.rows if row.tier == "rod"}
+    assert list(rods) == [("bend",), ("bend", "stretch"), ("bend", "twist", "stretch")]
+    assert all(row.static_error_pct < 5.0 for row in rods.values())
+    assert [each.strains for each in loaded.model_errors] == list(rods)
+    assert loaded.model_errors[0].free_pct > 5.0 > loaded.model_errors[1].free_pct > 0.0
+
+
 def test_what_is_finished_is_not_run_again_and_gives_the_same_rows(short_trade, monkeypatch, capsys):
     command = ["trade", "--quick", "--json", str(short_trade / "trade.json")]
     assert main(command) == 0
