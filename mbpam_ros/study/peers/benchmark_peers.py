@@ -1,18 +1,22 @@
 """Compare the plant's tier rod with MuJoCo and PyElastica on one problem: CPU time at equal accuracy.
 
 Four muscles bend freely under a moment that is switched on; each simulator runs at its cheapest setting that keeps the
-tips within the static and transient error (over the muscle's length). With contact, a sphere is grasped at 70 % of the
-pressure and lifted, both at the same step. Needs the extra ``bench``.
+tips within the static and transient error (over the muscle's length). Then they also stretch and twist, hanging, and
+level, where gravity twists them. Costs are of the first 0.6 s, while there is motion. With contact, a sphere is
+grasped at 70 % of the pressure and lifted, both at the same step. Needs the extra ``bench``.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.metadata
 import itertools
+import os
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
+from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.study.peers.grasp import GRASP_S, HELD_SHARE, LIFT_M, Grasp
 from mbpam_ros.study.peers.mujoco_model import (
@@ -26,7 +30,16 @@ from mbpam_ros.study.peers.mujoco_model import (
 from mbpam_ros.study.peers.own import OwnFreeBend, OwnGrasp, reference_tips
 from mbpam_ros.study.peers.problem import FingerProblem, finger_problem
 from mbpam_ros.study.peers.pyelastica_model import PyelasticaFreeBend
-from mbpam_ros.study.peers.search import Tried, cheapest, compare, cpu_ms_per_s, try_settings
+from mbpam_ros.study.peers.search import (
+    TIMED_S,
+    WINDOWS_S,
+    Tried,
+    cheapest,
+    compare,
+    cpu_ms_per_s,
+    cpu_ms_per_s_of_starts,
+    try_settings,
+)
 from mbpam_ros.terminal import table
 
 PRESSURE_PA, GRASP_SHARE = 100e3, 0.7
@@ -35,32 +48,59 @@ _FRICTION, _SLIPPERY = 0.6, 0.2
 _CONTACT_ELEMENTS, _CONTACT_MODES, _CONTACT_STEP_S, _CALL_S = 8, 3, 0.002, 0.010
 _CONTACT_INTEGRATORS = ("discrete", "implicitfast")
 _SINGLE_STEP_S = 0.001
-PARTS = 6
-_LIMITS = {"free_1pct": (1.0, 1.0), "free_0p1pct": (0.1, 0.2)}
+_LIMITS = {"1pct": (1.0, 1.0), "0p1pct": (0.1, 0.2)}
+_LEVEL = (GRAVITY_M_S2, 0.0, 0.0)
+
+BEND, ALL_STRAINS = "bend", "bend,stretch,twist"
+"""Sets of strains that are compared."""
+
+PARTS = {BEND: 6, ALL_STRAINS: 6}
+"""Into how many parts the comparison of each falls."""
 
 
 def compare_with_peers(
-    gripper: Gripper, retardation_s: float, runs: int, job_ended: Callable[[str], object] = str
+    gripper: Gripper,
+    retardation_s: float,
+    runs: int,
+    job_ended: Callable[[str], object] = str,
+    strains: Collection[str] = (BEND, ALL_STRAINS),
 ) -> dict[str, Any]:
     """Return the ratios peer / ours and, under ``details``, all settings, errors and times.
 
-    ``job_ended`` is called after each of the six parts with a line about it.
+    ``job_ended`` is called after each part with a line about it; ``strains`` are the sets that are compared.
 
     Raises:
         PeerMissingError: a simulator is not installed.
-        BoundaryValueError: the static problem was not solved.
+        StrainLawError: the rod's law says nothing of stretch and twist, and they are asked for.
+        BoundaryValueError, RodSolutionError: the static problem was not solved.
         ReferenceSolutionError: the reference is not its solution.
         AccuracyError: a simulator was not accurate enough at any setting.
     """
+    details: dict[str, Any] = {}
+    if BEND in strains:
+        details |= _bending(gripper, retardation_s, runs, job_ended)
+    if ALL_STRAINS in strains:
+        details |= _with_all_strains(gripper, retardation_s, runs, job_ended)
+    ratios = {name: of["ratio"] for name, of in details.items() if "ratio" in of}
+    return {**ratios, "details": {"conditions": _conditions(), **details}}
+
+
+def _bending(
+    gripper: Gripper, retardation_s: float, runs: int, job_ended: Callable[[str], object]
+) -> dict[str, dict[str, Any]]:
     problem = finger_problem(gripper, PRESSURE_PA, retardation_s)
     reference, length = reference_tips(problem), problem.geometry.length_m
     own = try_settings(lambda **setting: OwnFreeBend(problem, **setting), own_settings(), reference, length)
     mujoco = try_settings(lambda **setting: MujocoFreeBend(problem, **setting), mujoco_settings(), reference, length)
     job_ended("settings of ours and MuJoCo tried")
-    details: dict[str, Any] = {"conditions": _conditions(), "problem": _described(problem)}
+    details: dict[str, dict[str, Any]] = {"problem": _described(problem)}
     for name, limits in _LIMITS.items():
-        details[name] = _free(cheapest(own, *limits), cheapest(mujoco, *limits), runs)
-        job_ended(name)
+        ours, peer = cheapest(own, *limits), cheapest(mujoco, *limits)
+        details[f"free_{name}"] = {
+            **_free(ours, peer, runs),
+            "ratio_by_window_s": {str(window): _timed(ours, peer, runs, window)["ratio"] for window in WINDOWS_S},
+        }
+        job_ended(f"free_{name}")
     details["single_call_1ms"] = _single_calls(problem, cheapest(own, 1.0, 1.0), cheapest(mujoco, 1.0, 1.0), runs)
     job_ended("single_call_1ms")
     elastica = try_settings(
@@ -70,8 +110,35 @@ def compare_with_peers(
     job_ended("pyelastica_1pct")
     details["contact_equal_step"] = _contact(finger_problem(gripper, GRASP_SHARE * PRESSURE_PA, retardation_s), runs)
     job_ended("contact_equal_step")
-    names = (*_LIMITS, "contact_equal_step", "single_call_1ms", "pyelastica_1pct")
-    return {**{name: details[name]["ratio"] for name in names}, "details": details}
+    return details
+
+
+def _with_all_strains(
+    gripper: Gripper, retardation_s: float, runs: int, job_ended: Callable[[str], object]
+) -> dict[str, dict[str, Any]]:
+    hanging = finger_problem(gripper, PRESSURE_PA, retardation_s, all_strains=True)
+    level = dataclasses.replace(hanging, gravity_m_s2=_LEVEL)
+    return {
+        **_strained(hanging, "hanging", runs, job_ended),
+        **_strained(level, "level", runs, job_ended),
+    }
+
+
+def _strained(
+    problem: FingerProblem, posture: str, runs: int, job_ended: Callable[[str], object]
+) -> dict[str, dict[str, Any]]:
+    reference, length = reference_tips(problem), problem.geometry.length_m
+    own = try_settings(lambda **setting: OwnFreeBend(problem, **setting), own_strain_settings(), reference, length)
+    mujoco = try_settings(
+        lambda **setting: MujocoFreeBend(problem, **setting), mujoco_strain_settings(), reference, length
+    )
+    job_ended(f"settings of ours and MuJoCo tried with all strains, {posture}")
+    details: dict[str, dict[str, Any]] = {f"problem_{posture}": _described(problem)}
+    for name, limits in _LIMITS.items():
+        key = f"strains_{posture}_{name}"
+        details[key] = _free(cheapest(own, *limits), cheapest(mujoco, *limits), runs)
+        job_ended(key)
+    return details
 
 
 def own_settings() -> list[dict[str, object]]:
@@ -95,12 +162,41 @@ def mujoco_settings() -> list[dict[str, object]]:
         ],
         "implicit": [(7, 0.003), (17, 0.0005)],
     }
+    return _mujoco_settings(grids)
+
+
+def _mujoco_settings(grids: dict[str, list[tuple[int, float]]]) -> list[dict[str, object]]:
     return [
         {"elements": elements, "step_s": step, "integrator": integrator}
         for integrator in INTEGRATORS
-        if has_integrator(integrator)
+        if integrator in grids and has_integrator(integrator)
         for elements, step in grids[integrator]
     ]
+
+
+def own_strain_settings() -> list[dict[str, object]]:
+    """Return the settings of tier rod that are tried with all strains."""
+    return [
+        {"modes": modes, "twist_modes": twist, "stretch_modes": stretch, "step_s": step}
+        for modes in (2, 3, 4)
+        for twist, stretch in ((1, 1), (2, 1), (1, 2), (2, 2))
+        for step in (0.03, 0.015, 0.01, 0.0075, 0.006, 0.005, 0.003)
+    ]
+
+
+def mujoco_strain_settings() -> list[dict[str, object]]:
+    """Return the settings of MuJoCo that are tried with all strains, around the best ones.
+
+    ``discrete`` is off twice as much as ``implicitfast`` at equal steps.
+    """
+    grids = {
+        "discrete": [(7, 0.0015), (8, 0.001)],
+        "implicitfast": [
+            *itertools.product((5, 6, 7, 8), (0.00375, 0.003, 0.0025, 0.002)),
+            *itertools.product((14, 16, 18), (0.00075, 0.0006, 0.0005)),
+        ],
+    }
+    return _mujoco_settings(grids)
 
 
 def pyelastica_settings() -> list[dict[str, object]]:
@@ -108,13 +204,16 @@ def pyelastica_settings() -> list[dict[str, object]]:
     return [{"shares": shares, "step_s": step} for shares in (6, 8, 10) for step in (0.0005, 0.0004, 0.0003)]
 
 
-def _free(ours: Tried, peer: Tried, runs: int) -> dict[str, object]:
-    timed = compare(
-        lambda: cpu_ms_per_s(ours.simulation, ours.simulation.advance),
-        lambda: cpu_ms_per_s(peer.simulation, peer.simulation.advance),
+def _free(ours: Tried, peer: Tried, runs: int) -> dict[str, Any]:
+    return {**_timed(ours, peer, runs), "ours": ours.as_json(), "peer": peer.as_json()}
+
+
+def _timed(ours: Tried, peer: Tried, runs: int, seconds: float = TIMED_S) -> dict[str, Any]:
+    return compare(
+        lambda: cpu_ms_per_s_of_starts(ours.simulation, ours.simulation.advance, seconds),
+        lambda: cpu_ms_per_s_of_starts(peer.simulation, peer.simulation.advance, seconds),
         runs,
     )
-    return {**timed, "ours": ours.as_json(), "peer": peer.as_json()}
 
 
 def _single_calls(problem: FingerProblem, ours: Tried, peer: Tried, runs: int) -> dict[str, object]:
@@ -122,7 +221,9 @@ def _single_calls(problem: FingerProblem, ours: Tried, peer: Tried, runs: int) -
     own_setting, peer_setting = ({**one.setting, "step_s": _SINGLE_STEP_S} for one in (ours, peer))
     own, other = OwnFreeBend(problem, **own_setting), MujocoFreeBend(problem, **peer_setting)
     timed = compare(
-        lambda: cpu_ms_per_s(own, own.advance_singly), lambda: cpu_ms_per_s(other, other.advance_singly), runs
+        lambda: cpu_ms_per_s_of_starts(own, own.advance_singly),
+        lambda: cpu_ms_per_s_of_starts(other, other.advance_singly),
+        runs,
     )
     return {**timed, "ours": own_setting, "peer": peer_setting}
 
@@ -172,12 +273,13 @@ def _conditions() -> dict[str, object]:
         "versions": {name: importlib.metadata.version(name) for name in packages},
         "python": platform.python_version(),
         "machine": platform.machine(),
+        "load_average": os.getloadavg(),
         "mujoco_cone": CONE,
         "mujoco_impratio": IMPRATIO,
     }
 
 
-def _described(problem: FingerProblem) -> dict[str, float]:
+def _described(problem: FingerProblem) -> dict[str, object]:
     return {
         "moment_n_m": problem.moment_n_m,
         "stiffness_n_m2": problem.stiffness_n_m2,
@@ -185,6 +287,7 @@ def _described(problem: FingerProblem) -> dict[str, float]:
         "gravity_m_s2": problem.gravity_m_s2,
         "length_m": problem.geometry.length_m,
         "mass_per_length_kg_m": problem.geometry.mass_per_length_kg_m,
+        **({} if problem.strains is None else dataclasses.asdict(problem.strains)),
     }
 
 
@@ -199,6 +302,8 @@ def result_text(result: dict[str, Any]) -> str:
     lines = [table(("CPU ms per simulated second", "ours", "peer", "peer / ours"), rows)]
     for name, *_ in rows:
         lines += [f"{name}: ours {details[name]['ours']}", f"{name}: peer {details[name]['peer']}"]
-    for name, lift in details["contact_equal_step"]["lifts"].items():
+        for window, ratio in details[name].get("ratio_by_window_s", {}).items():
+            lines.append(f"{name} over {window} s: {ratio:.1f}")
+    for name, lift in details.get("contact_equal_step", {}).get("lifts", {}).items():
         lines.append(f"{name} rises {1e3 * lift['rise_m']:.1f} mm: {'held' if lift['held'] else 'lost'}")
     return "\n".join([*lines, str(details["conditions"])])

@@ -1,9 +1,18 @@
 """The peers' problem in MuJoCo: a chain of rigid links with two hinges an element.
 
 The active part is cut into N elements of length l = L / N. Both hinges of an element stand in its middle and carry its
-bending: stiffness B / l, damping eta B / l, and a rest angle that makes the moment M0. The first hinge's axis is normal
-to the plane of the muscle's moment, so that a plane bend is one of the first hinges alone. Links are slender rods, as
-ours are; MuJoCo needs an inertia about their axes too, which plays no part in a plane bend. Armature is 0.
+bending: stiffness B / l, damping eta B / l, and a rest angle that makes the moment M0. The axis of one is normal to the
+plane of the muscle's moment, so that a plane bend is one of these alone. Links are slender rods, as ours are; MuJoCo
+needs an inertia about their axes too, which plays no part in a plane bend. Armature is 0.
+
+With all strains every moving link also has a hinge along itself, stiffness GJ / d, and a slide along itself; d is l,
+l / 2 for the last one, and 3 l / 2 for the first: it does the share of the clamped one too, on whose joints there would
+be no mass of their own. The slide's spring is a fixed tendon of stiffness EA / d that rests at epsilon_0 d, of length x
+less c times the bends at the link's ends, half of each: the energy of the law. Dampings are eta times the stiffnesses.
+Twist and stretch so lie between the bends, and of two hinges the first is the other one from element to element:
+positions are of second order in l. A link slides as a whole though its middle goes half as far; its mass stands where
+it belongs at the free stretch. No body of MuJoCo resists turning about an axis by more than about the other two
+together: short links have less inertia about themselves than the muscle's disc has.
 """
 
 from __future__ import annotations
@@ -14,7 +23,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mbpam_ros.study.peers.grasp import GRASP_S, Grasp, hand_motion
-from mbpam_ros.study.peers.problem import Array, FingerProblem, PeerMissingError
+from mbpam_ros.study.peers.problem import Array, FingerProblem, PeerMissingError, Strains
 
 CONE, IMPRATIO = "elliptic", 10.0
 INTEGRATORS = ("discrete", "implicitfast", "implicit")
@@ -54,7 +63,7 @@ def model_xml(problem: FingerProblem, elements: int, step_s: float, integrator: 
     ElementTree.SubElement(root, "compiler", angle="radian")
     options = {
         "timestep": _text(step_s), "integrator": integrator, "cone": CONE, "impratio": _text(IMPRATIO),
-        "gravity": _text(0, 0, -problem.gravity_m_s2),
+        "gravity": _text(*problem.gravity_m_s2[:2], -problem.gravity_m_s2[2]),
     }  # fmt: skip
     option = ElementTree.SubElement(root, "option", options)
     if grasp is None:
@@ -68,15 +77,30 @@ def model_xml(problem: FingerProblem, elements: int, step_s: float, integrator: 
         _add_sphere(world, grasp)
     for finger in range(len(problem.base_m)):
         _add_finger(palm, problem, elements, finger, grasp)
+    if problem.strains is not None:
+        tendons = ElementTree.SubElement(root, "tendon")
+        for finger in range(len(problem.base_m)):
+            _add_stretch_springs(tendons, problem, problem.strains, elements, finger)
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def strained_lengths(problem: FingerProblem, elements: int) -> Array:
+    """Return over what length the N moving links twist and stretch, shape (N,) [m]; the first one for the clamped too.
+
+    A clamped link with joints of its own would have no mass to move.
+    """
+    lengths = np.full(elements, problem.geometry.active_length_m / elements)
+    lengths[-1] *= 0.5
+    lengths[0] += 0.5 * problem.geometry.active_length_m / elements
+    return lengths
 
 
 def _add_finger(
     palm: ElementTree.Element, problem: FingerProblem, elements: int, finger: int, grasp: Grasp | None
 ) -> None:
-    spans, radius = link_spans(problem, elements), problem.geometry.outer_radius_m
-    share = problem.geometry.active_length_m / elements
-    stiffness = problem.stiffness_n_m2 / share
+    spans, radius, strains = link_spans(problem, elements), problem.geometry.outer_radius_m, problem.strains
+    strained = strained_lengths(problem, elements)
+    stiffness = problem.stiffness_n_m2 * elements / problem.geometry.active_length_m
     toward = problem.inward[finger]
     # x axis of the links toward the palm's axis, z down the muscle: y is then -(z_up x toward).
     axes = _text(toward[0], toward[1], 0, toward[1], -toward[0], 0)
@@ -88,14 +112,19 @@ def _add_finger(
         length = end - start
         if index > 0:
             body = ElementTree.SubElement(body, "body", pos=_text(0, 0, start - spans[index - 1, 0]))
-            for axis, rest in (("0 1 0", problem.moment_n_m / stiffness), ("1 0 0", 0.0)):
+            hinges = [("bend", "0 1 0", problem.moment_n_m / stiffness), ("aside", "1 0 0", 0.0)]
+            for name, axis, rest in hinges if strains is None or index % 2 else reversed(hinges):
                 ElementTree.SubElement(
-                    body, "joint", type="hinge", axis=axis, stiffness=_text(stiffness), springref=_text(rest),
-                    damping=_text(problem.retardation_s * stiffness), armature="0",
+                    body, "joint", name=f"{name}_{finger}_{index}", type="hinge", axis=axis, stiffness=_text(stiffness),
+                    springref=_text(rest), damping=_text(problem.retardation_s * stiffness), armature="0",
                 )  # fmt: skip
-            mass = problem.geometry.mass_per_length_kg_m * length
+            mass, middle = problem.geometry.mass_per_length_kg_m * length, 0.5 * length
             across = mass * length**2 / 12.0
-            _inertial(body, 0.5 * length, mass, (across, across, min(0.5 * mass * radius**2, across)))
+            if strains is not None:
+                _add_twist_and_slide(body, problem, strains, f"{finger}_{index}", strained[index - 1])
+                active = min(end, problem.geometry.end_length_m + problem.geometry.active_length_m) - start
+                middle -= 0.5 * _free_stretch(problem, strains) * active**2 / length
+            _inertial(body, middle, mass, (across, across, min(0.5 * mass * radius**2, 2.0 * across)))
         if grasp is not None:
             # The rounded tip ends where the muscle ends.
             stop = length - radius if index == elements else length
@@ -104,6 +133,39 @@ def _add_finger(
                 contype=str(_FINGER), conaffinity="0", condim="3", friction=_text(grasp.friction, 0, 0), mass="0",
             )  # fmt: skip
     ElementTree.SubElement(body, "site", name=f"tip_{finger}", pos=_text(0, 0, spans[-1, 1] - spans[-1, 0]))
+
+
+def _free_stretch(problem: FingerProblem, strains: Strains) -> float:
+    """Stretch - 1 of a muscle without loads."""
+    return strains.free_stretch + strains.slope_m * problem.moment_n_m / problem.stiffness_n_m2
+
+
+def _add_twist_and_slide(
+    body: ElementTree.Element, problem: FingerProblem, strains: Strains, link: str, active_m: float
+) -> None:
+    stiffness = strains.torsion_stiffness_n_m2 / active_m
+    ElementTree.SubElement(
+        body, "joint", name=f"twist_{link}", type="hinge", axis="0 0 1", stiffness=_text(stiffness),
+        damping=_text(problem.retardation_s * stiffness), armature="0",
+    )  # fmt: skip
+    ElementTree.SubElement(body, "joint", name=f"slide_{link}", type="slide", axis="0 0 1", armature="0")
+
+
+def _add_stretch_springs(
+    tendons: ElementTree.Element, problem: FingerProblem, strains: Strains, elements: int, finger: int
+) -> None:
+    for link, length in enumerate(strained_lengths(problem, elements), 1):
+        stiffness = strains.axial_stiffness_n / length
+        tendon = ElementTree.SubElement(
+            tendons, "fixed", stiffness=_text(stiffness), damping=_text(problem.retardation_s * stiffness),
+            springlength=_text(strains.free_stretch * length),
+        )  # fmt: skip
+        ElementTree.SubElement(tendon, "joint", joint=f"slide_{finger}_{link}", coef="1")
+        for index, share in ((link, 1.0 if link == 1 else 0.5), (link + 1, 0.5)):
+            if index <= elements:
+                ElementTree.SubElement(
+                    tendon, "joint", joint=f"bend_{finger}_{index}", coef=_text(-share * strains.slope_m)
+                )
 
 
 def _add_sphere(world: ElementTree.Element, grasp: Grasp) -> None:

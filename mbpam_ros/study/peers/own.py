@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
+from mbpam_ros.actuator.rod_law import StrainLaw
 from mbpam_ros.configuration import load_config
 from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, RigidBody, TierSetup
@@ -25,10 +26,13 @@ _REFERENCE_MODES, _REFERENCE_STEP_S, _REFERENCE_PCT = 6, 0.00025, 0.01
 
 
 class OwnFreeBend:
-    """Tier ``rod`` with a number of modes and a step."""
+    """Tier ``rod`` with numbers of modes and a step; those of twist and stretch count where the problem has these."""
 
-    def __init__(self, problem: FingerProblem, modes: int, step_s: float) -> None:
-        self._tier = RodTier(_setup(problem, None, np.empty((0, 3))), Fidelity("rod", modes, step_s))
+    def __init__(
+        self, problem: FingerProblem, modes: int, step_s: float, twist_modes: int = 0, stretch_modes: int = 0
+    ) -> None:
+        fidelity = Fidelity("rod", modes, step_s, twist_modes=twist_modes, stretch_modes=stretch_modes)
+        self._tier = RodTier(_setup(problem, None, np.empty((0, 3))), fidelity)
         self._on, self._step_s = _actuation(problem), step_s
         self.reset()
 
@@ -90,7 +94,8 @@ def reference_tips(problem: FingerProblem) -> Array:
     Raises:
         ReferenceSolutionError: at rest they differ from its solution by more than 0.01 % of the length.
     """
-    fine = OwnFreeBend(problem, _REFERENCE_MODES, _REFERENCE_STEP_S)
+    of_strain = 0 if problem.strains is None else _REFERENCE_MODES
+    fine = OwnFreeBend(problem, _REFERENCE_MODES, _REFERENCE_STEP_S, of_strain, of_strain)
     tips, length = sample_tips(fine.advance, fine.tips_m), problem.geometry.length_m
     error = tip_errors(tips[-1:].repeat(2, 0), static_tips(problem)[None].repeat(2, 0), length).static_pct
     if not error < _REFERENCE_PCT:
@@ -101,15 +106,27 @@ def reference_tips(problem: FingerProblem) -> Array:
 
 
 def _actuation(problem: FingerProblem) -> Actuation:
-    return Actuation(problem.moment_n_m * problem.inward, np.full(FINGER_COUNT, problem.stiffness_n_m2))
+    moments, stiffnesses = problem.moment_n_m * problem.inward, np.full(FINGER_COUNT, problem.stiffness_n_m2)
+    of = problem.strains
+    if of is None:
+        return Actuation(moments, stiffnesses)
+    strain = StrainLaw(
+        np.full(FINGER_COUNT, of.free_stretch),
+        of.slope_m * problem.inward,
+        np.full(FINGER_COUNT, of.axial_stiffness_n),
+        np.full(FINGER_COUNT, of.torsion_stiffness_n_m2),
+    )
+    return Actuation(moments, stiffnesses, strain)
 
 
 def _setup(problem: FingerProblem, body: RigidBody | None, planes: Array, friction: float = 0.6) -> TierSetup:
-    config = load_config(PlantConfig, "plant.yaml")
+    config, size = load_config(PlantConfig, "plant.yaml"), float(np.linalg.norm(problem.gravity_m_s2))
+    x, y, z = problem.gravity_m_s2
     return TierSetup(
         geometry=problem.geometry,
         finger_base_m=problem.base_m,
-        gravity_m_s2=problem.gravity_m_s2,
+        gravity_m_s2=size,
+        gravity_direction=(x / size, y / size, z / size),
         body=body,
         planes_m=planes,
         config=replace(

@@ -4,7 +4,12 @@ A muscle is a Kirchhoff rod between two rigid ends, clamped at the top, with the
 
     M = B (kappa + eta dkappa/dt) - M0,
 
-pressures constant from t = 0 on. No simulator needs Python between its steps. Fingers do not touch each other.
+pressures constant from t = 0 on. With all strains it also stretches and twists, by the energy per unstretched length
+
+    W = B / 2 kappa^2 - M0 . kappa + EA / 2 (epsilon - epsilon_0 - c . kappa)^2 + GJ / 2 tau^2
+
+and eta times the rates of what is squared. No simulator needs Python between its steps. Fingers do not touch each
+other.
 """
 
 from __future__ import annotations
@@ -18,7 +23,7 @@ from numpy.typing import NDArray
 
 from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.design import MuscleGeometry
-from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
+from mbpam_ros.actuator.elastic_rod import HANGING, RodLoads, RodSection, rod_at_rest
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.study.fidelity.boundary_value import hanging_tip_m
@@ -38,6 +43,23 @@ class ReferenceSolutionError(MbpamError, RuntimeError):
 
 
 @dataclass(frozen=True)
+class Strains:
+    """How the muscles stretch and twist, per unstretched length.
+
+    Args:
+        free_stretch: epsilon_0, stretch - 1 when held straight without axial force.
+        slope_m: c along the bend that the moment makes.
+        axial_stiffness_n: EA.
+        torsion_stiffness_n_m2: GJ.
+    """
+
+    free_stretch: float
+    slope_m: float
+    axial_stiffness_n: float
+    torsion_stiffness_n_m2: float
+
+
+@dataclass(frozen=True)
 class FingerProblem:
     """Four muscles under a constant moment toward the palm's axis.
 
@@ -47,7 +69,8 @@ class FingerProblem:
         moment_n_m: size of M0.
         stiffness_n_m2: B.
         retardation_s: eta.
-        gravity_m_s2: along +z.
+        strains: stretch and twist; none: they only bend.
+        gravity_m_s2: as a vector in ``gripper_base``, (3,).
     """
 
     geometry: MuscleGeometry
@@ -55,7 +78,8 @@ class FingerProblem:
     moment_n_m: float
     stiffness_n_m2: float
     retardation_s: float
-    gravity_m_s2: float = GRAVITY_M_S2
+    strains: Strains | None = None
+    gravity_m_s2: tuple[float, float, float] = HANGING
 
     @property
     def inward(self) -> Array:
@@ -64,11 +88,27 @@ class FingerProblem:
         return -across / np.linalg.norm(across, axis=1, keepdims=True)
 
 
-def finger_problem(gripper: Gripper, pressure_gauge_pa: float, retardation_s: float) -> FingerProblem:
-    """Return the problem with M0 and B of two adjacent chambers at a pressure, the muscles' strongest pattern."""
+def finger_problem(
+    gripper: Gripper, pressure_gauge_pa: float, retardation_s: float, all_strains: bool = False
+) -> FingerProblem:
+    """Return the problem with the law of two adjacent chambers at a pressure, the muscles' strongest pattern.
+
+    Raises:
+        StrainLawError: all strains are asked for, and the law says nothing of stretch and twist.
+    """
     law = calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
     moment, stiffness = law.of_pattern("pdc", pressure_gauge_pa)
-    return FingerProblem(gripper.geometry, gripper.finger_base_m, float(moment), float(stiffness), retardation_s)
+    strains = None
+    if all_strains:
+        both = np.array([0.0, pressure_gauge_pa, pressure_gauge_pa, 0.0])
+        of, toward = law.strain_law(both), law.moment_and_stiffness(both)[0]
+        slope = of.stretch_per_curvature_m @ toward / np.linalg.norm(toward)
+        strains = Strains(
+            float(of.free_stretch), float(slope), float(of.axial_stiffness_n), float(of.torsion_stiffness_n_m2)
+        )
+    return FingerProblem(
+        gripper.geometry, gripper.finger_base_m, float(moment), float(stiffness), retardation_s, strains
+    )
 
 
 @dataclass(frozen=True)
@@ -112,9 +152,31 @@ def sample_tips(advance: Callable[[float], None], tips_m: Callable[[], Array]) -
 def static_tips(problem: FingerProblem) -> Array:
     """Return the tips at rest, shape (4, 3), of the boundary-value problem.
 
+    Hanging muscles that only bend are solved by SciPy's collocation, others by the actuator's rod at rest.
+
     Raises:
-        BoundaryValueError: it was not solved.
+        BoundaryValueError, RodSolutionError: it was not solved.
     """
-    moments = problem.moment_n_m * problem.inward
-    hanging = [hanging_tip_m(moment, problem.stiffness_n_m2, problem.geometry) for moment in moments]
-    return problem.base_m + np.array(hanging)
+    moments, of = problem.moment_n_m * problem.inward, problem.strains
+    if of is None and problem.gravity_m_s2 == HANGING:
+        tips = [hanging_tip_m(moment, problem.stiffness_n_m2, problem.geometry) for moment in moments]
+    else:
+        loads = RodLoads(gravity_m_s2=problem.gravity_m_s2)
+        tips = [
+            rod_at_rest(_section(problem, toward), problem.geometry, loads).tip_position_m for toward in problem.inward
+        ]
+    return problem.base_m + np.array(tips)
+
+
+def _section(problem: FingerProblem, toward: Array) -> RodSection:
+    (x, y), of = toward.tolist(), problem.strains
+    only_bends = RodSection(problem.moment_n_m * x, problem.moment_n_m * y, problem.stiffness_n_m2)
+    if of is None:
+        return only_bends
+    return only_bends._replace(
+        free_stretch=of.free_stretch,
+        slope_x_m=of.slope_m * x,
+        slope_y_m=of.slope_m * y,
+        axial_compliance_per_n=1.0 / of.axial_stiffness_n,
+        torsion_compliance_per_n_m2=1.0 / of.torsion_stiffness_n_m2,
+    )

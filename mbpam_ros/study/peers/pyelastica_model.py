@@ -89,8 +89,7 @@ class PyelasticaFreeBend:
         simulator.constrain(rod).using(
             ea.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,)
         )  # fmt: skip
-        gravity = np.array([0.0, 0.0, problem.gravity_m_s2])
-        simulator.add_forcing_to(rod).using(ea.GravityForces, acc_gravity=gravity)
+        simulator.add_forcing_to(rod).using(ea.GravityForces, acc_gravity=np.array(problem.gravity_m_s2))
         simulator.dampen(rod).using(
             ea.AnalyticalLinearDamper, uniform_damping_constant=_DAMPING_PER_S, time_step=self._step_s
         )

@@ -1,5 +1,6 @@
 """The comparison with other simulators: what needs none of them, and short runs of those that are installed."""
 
+import dataclasses
 import sys
 from xml.etree import ElementTree
 
@@ -8,13 +9,16 @@ import pytest
 
 from mbpam_ros.commands.mbpam import main
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.study.peers.mujoco_model import MujocoFreeBend, link_spans, model_xml
+from mbpam_ros.study.peers.mujoco_model import MujocoFreeBend, link_spans, model_xml, strained_lengths
 from mbpam_ros.study.peers.own import OwnFreeBend
 from mbpam_ros.study.peers.problem import TipErrors, finger_problem, static_tips, tip_errors
 from mbpam_ros.study.peers.pyelastica_model import PyelasticaFreeBend, rod_elements
-from mbpam_ros.study.peers.search import AccuracyError, Tried, cheapest, compare
+from mbpam_ros.study.peers.search import AccuracyError, Tried, cheapest, compare, cpu_ms_per_s, cpu_ms_per_s_of_starts
 
 PROBLEM = finger_problem(load_gripper(), 100e3, 0.02)
+STRAINED = finger_problem(load_gripper(), 100e3, 0.02, all_strains=True)
+LEVEL = dataclasses.replace(STRAINED, gravity_m_s2=(9.81, 0.0, 0.0))
+LENGTH = PROBLEM.geometry.length_m
 
 
 @pytest.mark.parametrize("module", ["mujoco", "elastica"])
@@ -39,6 +43,27 @@ def test_chain_has_the_muscle_in_mass_compliance_and_free_bend():
     np.testing.assert_array_equal(spans[1:, 0], spans[:-1, 1])
 
 
+def test_chain_with_all_strains_has_the_muscle_in_compliance_free_stretch_and_coupling():
+    of, active = STRAINED.strains, STRAINED.geometry.active_length_m
+    root = ElementTree.fromstring(model_xml(STRAINED, 8, 0.002, "implicitfast"))
+    twists = [joint for joint in root.findall(".//joint") if joint.get("axis") == "0 0 1" and joint.get("stiffness")]
+    assert sum(1.0 / float(joint.get("stiffness")) for joint in twists) / 4 == pytest.approx(
+        active / of.torsion_stiffness_n_m2
+    )
+    tendons = root.findall("./tendon/fixed")
+    assert len(tendons) == len(twists) == 4 * 8
+    assert sum(1.0 / float(each.get("stiffness")) for each in tendons) / 4 == pytest.approx(
+        active / of.axial_stiffness_n
+    )
+    assert sum(float(each.get("springlength")) for each in tendons) / 4 == pytest.approx(of.free_stretch * active)
+    coupled = {}
+    for term in root.findall("./tendon/fixed/joint"):
+        coupled[term.get("joint")] = coupled.get(term.get("joint"), 0.0) + float(term.get("coef"))
+    bends = [share for name, share in coupled.items() if name.startswith("bend")]
+    np.testing.assert_allclose(bends, np.full(32, -of.slope_m))
+    assert strained_lengths(STRAINED, 8).sum() == pytest.approx(active)
+
+
 def test_elements_of_cosserat_rods_end_where_the_muscle_does():
     elements, start, length = rod_elements(PROBLEM, 10)
     assert elements == 12
@@ -49,6 +74,21 @@ def test_tips_at_rest_are_those_of_the_boundary_value_problem():
     own = OwnFreeBend(PROBLEM, modes=4, step_s=0.005)
     own.advance(3.0)
     np.testing.assert_allclose(own.tips_m(), static_tips(PROBLEM), atol=1e-5)
+
+
+@pytest.mark.parametrize("problem", [STRAINED, LEVEL])
+def test_tips_at_rest_with_all_strains_are_those_of_the_boundary_value_problem(problem):
+    own = OwnFreeBend(problem, 4, 0.005, twist_modes=3, stretch_modes=3)
+    own.advance(3.0)
+    np.testing.assert_allclose(own.tips_m(), static_tips(problem), atol=2e-5)
+    # That both leave the strains out would show here.
+    bend_alone = static_tips(dataclasses.replace(problem, strains=None))
+    assert np.linalg.norm(static_tips(problem) - bend_alone, axis=1).min() > 0.02 * LENGTH
+
+
+def test_both_boundary_value_solutions_agree_where_muscles_only_bend():
+    nearly_hanging = dataclasses.replace(PROBLEM, gravity_m_s2=(1e-9, 0.0, 9.81))
+    np.testing.assert_allclose(static_tips(nearly_hanging), static_tips(PROBLEM), atol=1e-6)
 
 
 def test_errors_are_relative_to_the_length_and_infinite_where_not_finite():
@@ -74,11 +114,42 @@ def test_ratio_is_the_median_of_peer_over_ours():
     assert compare(lambda: next(ours), lambda: next(peer), 3)["ratio"] == 4.0
 
 
+def test_costs_are_of_the_window_from_each_start(monkeypatch):
+    class Counted:
+        starts, clock = 0, 0.0
+
+        def reset(self):
+            self.starts += 1
+            self.clock += 7.0  # not timed
+
+        def advance(self, seconds):
+            self.clock += 2.0 * seconds
+
+    counted = Counted()
+    monkeypatch.setattr("time.process_time", lambda: counted.clock)
+    assert cpu_ms_per_s(counted, counted.advance, 0.5, starts=3) == pytest.approx(2000.0)
+    assert counted.starts == 3
+    assert cpu_ms_per_s_of_starts(counted, counted.advance, 0.3) == pytest.approx(2000.0)
+    assert counted.starts == 13
+
+
 def test_mujoco_comes_to_rest_where_the_rod_does():
     pytest.importorskip("mujoco")
     peer = MujocoFreeBend(PROBLEM, 10, 0.002, "implicitfast")
     peer.advance(2.0)
     assert np.abs(peer.tips_m() - static_tips(PROBLEM)).max() < 0.005 * PROBLEM.geometry.length_m
+
+
+@pytest.mark.parametrize("problem", [STRAINED, LEVEL])
+def test_mujoco_with_all_strains_tends_to_the_rod_at_rest_with_the_square_of_an_element(problem):
+    pytest.importorskip("mujoco")
+    errors = []
+    for elements in (5, 10):
+        peer = MujocoFreeBend(problem, elements, 0.002, "implicitfast")
+        peer.advance(2.0)
+        errors.append(np.abs(peer.tips_m() - static_tips(problem)).max())
+    assert errors[1] < 0.005 * LENGTH
+    assert 3.0 < errors[0] / errors[1] < 5.0
 
 
 def test_pyelastica_comes_to_rest_where_the_rod_does():
