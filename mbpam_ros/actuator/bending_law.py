@@ -1,7 +1,9 @@
-"""The finite element unit cell's bending law as stored in ``config/data/fe_bending_law.json``: read, and as lines.
+"""The finite element unit cell's law as stored in ``config/data/fe_bending_law.json``: read, and as lines.
 
 Per pattern (PDC, PSC) the file holds samples of the moment M(p, kappa) and the axis's stretch s(p, kappa) of the active
-length, kappa being the bend over the unstretched length (its gas volumes: :mod:`~mbpam_ros.actuator.gas_volume`).
+length, kappa being the bend over the unstretched length (its gas volumes: :mod:`~mbpam_ros.actuator.gas_volume`), and
+of what it resists a pull and a twist with: EA = dN / d epsilon at held curvature, GJ = dT / d tau with the other loads
+free, strains per unstretched length.
 The rods that run need a straight line at each pressure,
 
     M = B kappa - M0,
@@ -10,15 +12,16 @@ here the secant through the two states a user meets: held straight (M = -M0) and
 that blocked moment and free bend both come back at every pressure. Without pressure the two coincide and B is the
 tangent. Against all samples (-60 to 180 deg) the secant is off by at most 2.1 N mm rms (3.4 % of M0 = 60.8 N mm at
 120 kPa; 1.5 of 43.7 N mm at 100 kPa, PDC); the best straight line of all would be off by 1.7 and 1.4 N mm, and by 2 to
-6 deg of free bend. The stretch is a line through the same two states.
+6 deg of free bend. The stretch is a line through the same two states; EA and GJ are those of the free state.
 """
 
 from __future__ import annotations
 
 import functools
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +30,12 @@ from scipy.interpolate import PchipInterpolator
 from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.configuration import ConfigError, config_path
 
+_Part = TypeVar("_Part")
+
 PATTERNS = ("pdc", "psc")
 """Two adjacent chambers under pressure, and one."""
+
+_STRAIN_STIFFNESSES = ("axial_stiffness_n", "torsion_stiffness_n_m2")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +47,8 @@ class CellLaw:
         curvature_per_m: shape (m,), rising, with 0 among them.
         moment_n_m: outer moment that holds the muscle so, shape (n, m), rising with the curvature.
         axis_stretch: length of the axis over its length at rest, shape (n, m).
+        axial_stiffness_n: EA, shape (n, m), positive; None where a file has none.
+        torsion_stiffness_n_m2: GJ, likewise.
 
     Raises:
         ValueError: the samples break one of these, or no free bend lies within them.
@@ -49,6 +58,8 @@ class CellLaw:
     curvature_per_m: NDArray[np.float64]
     moment_n_m: NDArray[np.float64]
     axis_stretch: NDArray[np.float64]
+    axial_stiffness_n: NDArray[np.float64] | None = None
+    torsion_stiffness_n_m2: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         pressure, curvature = self.pressure_gauge_pa, self.curvature_per_m
@@ -63,6 +74,10 @@ class CellLaw:
             raise ValueError("the moment must rise with the curvature")
         if np.any(self.moment_n_m[:, -1] <= 0.0) or np.any(self.moment_n_m[1:, self._straight] >= 0.0):
             raise ValueError("each free bend must lie within the samples, on the positive side")
+        for name in _STRAIN_STIFFNESSES:
+            samples = getattr(self, name)
+            if samples is not None and not (samples.shape == (pressure.size, curvature.size) and (samples > 0.0).all()):
+                raise ValueError(f"{name} must have one positive value per pressure and curvature")
 
     @property
     def straight_moment_n_m(self) -> NDArray[np.float64]:
@@ -96,13 +111,24 @@ class CellLaw:
     @property
     def stretch_slope_m(self) -> NDArray[np.float64]:
         """Slope of the stretch over the curvature between the straight and the free state, shape (n,)."""
-        free = [
-            float(PchipInterpolator(self.curvature_per_m, row)(bend))
-            for row, bend in zip(self.axis_stretch, self.free_curvature_per_m, strict=True)
-        ]
         slope = np.zeros_like(self.straight_stretch)
-        slope[1:] = (np.array(free) - self.straight_stretch)[1:] / self.free_curvature_per_m[1:]
+        slope[1:] = (self._at_free_bend(self.axis_stretch) - self.straight_stretch)[1:] / self.free_curvature_per_m[1:]
         return slope
+
+    def free_stiffness(self, name: str) -> NDArray[np.float64] | None:
+        """Return ``axial_stiffness_n`` or ``torsion_stiffness_n_m2`` at the free bend, shape (n,); None as the samples.
+
+        Raises:
+            ValueError: another name.
+        """
+        if name not in _STRAIN_STIFFNESSES:
+            raise ValueError(f"unknown stiffness {name!r}; known: {', '.join(_STRAIN_STIFFNESSES)}")
+        samples = getattr(self, name)
+        return None if samples is None else self._at_free_bend(samples)
+
+    def _at_free_bend(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
+        bends = zip(samples, self.free_curvature_per_m, strict=True)
+        return np.array([float(PchipInterpolator(self.curvature_per_m, row)(bend)) for row, bend in bends])
 
     @functools.cached_property
     def _straight(self) -> int:
@@ -116,13 +142,30 @@ def stored_cell_laws() -> dict[str, CellLaw]:
     Raises:
         ConfigError: the file is missing, or no law of ``mbpam fe law``.
     """
+    return _read(_laws)
+
+
+def stored_shear_modulus_pa() -> float:
+    """Return the shear modulus of the unstrained silicone that the laws were computed with, 2 C10 of Yeoh's energy.
+
+    Raises:
+        ConfigError: the file is missing, or no law of ``mbpam fe law``.
+    """
+    return _read(lambda content: 2e6 * float(content["settings"]["silicone"]["c10_mpa"]))
+
+
+def _read(part: Callable[[dict[str, Any]], _Part]) -> _Part:
+    """Return ``part`` of the law file's content."""
     path = config_path(LAW_FILE)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        length_m = 1e-3 * content["settings"]["geometry"]["active_length_mm"]
-        return {pattern: _from_tables(content["tables"], pattern, length_m) for pattern in PATTERNS}
+        return part(json.loads(path.read_text(encoding="utf-8")))
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise ConfigError(f"{path}: no bending law of mbpam fe law: {error}") from error
+
+
+def _laws(content: dict[str, Any]) -> dict[str, CellLaw]:
+    length_m = 1e-3 * content["settings"]["geometry"]["active_length_mm"]
+    return {pattern: _from_tables(content["tables"], pattern, length_m) for pattern in PATTERNS}
 
 
 def _from_tables(tables: list[dict[str, Any]], pattern: str, length_m: float) -> CellLaw:
@@ -131,9 +174,16 @@ def _from_tables(tables: list[dict[str, Any]], pattern: str, length_m: float) ->
     if any(row["bend_deg"] != bend_deg for row in rows):
         raise ValueError(f"the pressures of {pattern} are sampled at different bends")
     samples = {name: np.array([row[name] for row in rows], dtype=float) for name in ("moment_n_mm", "axis_stretch")}
+    stiffnesses = {}
+    for name, unit, in_file in zip(
+        _STRAIN_STIFFNESSES, (1.0, 1e-6), ("axial_stiffness_n", "torsion_stiffness_n_mm2"), strict=True
+    ):
+        if any(in_file in row for row in rows):
+            stiffnesses[name] = unit * np.array([row[in_file] for row in rows], dtype=float)
     return CellLaw(
         pressure_gauge_pa=1e3 * np.array([row["p_kpa"] for row in rows], dtype=float),
         curvature_per_m=np.radians(bend_deg) / length_m,
         moment_n_m=1e-3 * samples["moment_n_mm"],
         axis_stretch=samples["axis_stretch"],
+        **stiffnesses,
     )

@@ -1,4 +1,4 @@
-"""The compiled blend of four chamber pressures into moment and stiffness; :mod:`~mbpam_ros.actuator.rod_law` explains.
+"""The compiled blends of four chamber pressures into a rod law; :mod:`~mbpam_ros.actuator.rod_law` explains.
 
 It runs at every tick of the plant and nine times a finger in every estimate: compiled it takes a microsecond, where
 array operations on so few numbers took a quarter of a millisecond.
@@ -31,6 +31,23 @@ class BlendTables(NamedTuple):
     step_pa: float
     rows: Array
     rest_stiffness_n_m2: float
+
+
+class StrainTables(NamedTuple):
+    """What the blend of stretch and twist looks up over pressure.
+
+    Args:
+        step_pa: of the uniform grid, which starts at 0 gauge.
+        rows: on the grid, shape (n, 8): what a chamber alone does to the free stretch when straight, to its slope over
+            the curvature [m], and to the logarithms of EA and GJ; then the gains of these four by a neighbour's
+            pressure [1/Pa].
+        rest_axial_n, rest_torsion_n_m2: EA and GJ without pressure.
+    """
+
+    step_pa: float
+    rows: Array
+    rest_axial_n: float
+    rest_torsion_n_m2: float
 
 
 @njit(cache=True)
@@ -74,3 +91,40 @@ def blend(pressure_gauge_pa: Array, tables: BlendTables) -> tuple[Array, Array]:
         anisotropy = (half_difference[0] + half_difference[2]) - (half_difference[1] + half_difference[3])
         stiffness[row] = tables.rest_stiffness_n_m2 + rise + anisotropy * double_cosine
     return moment, stiffness
+
+
+@njit(cache=True)
+def blend_strains(pressure_gauge_pa: Array, tables: StrainTables) -> tuple[Array, Array, Array, Array]:
+    """Return free stretch (n,), its slopes over the curvature (n, 2) [m], EA [N] and GJ [N m2] (n,).
+
+    For pressures (n, 4); NaN in a row where a pressure is NaN. Pressures outside the grid and the order of the sums: as
+    in :func:`blend`.
+    """
+    count, last = pressure_gauge_pa.shape[0], tables.rows.shape[0] - 2
+    end_pa = (last + 1) * tables.step_pa
+    stretch, slope = np.full(count, np.nan), np.full((count, 2), np.nan)
+    axial, torsion = np.full(count, np.nan), np.full(count, np.nan)
+    pressure, share = np.empty(4), np.empty((4, 4))
+    for row in range(count):
+        if np.isnan(pressure_gauge_pa[row]).any():
+            continue
+        for chamber in range(4):
+            pressure[chamber] = max(pressure_gauge_pa[row, chamber], 0.0)
+        for chamber in range(4):
+            before = min(pressure[chamber], pressure[(chamber + 3) % 4])
+            after = min(pressure[chamber], pressure[(chamber + 1) % 4])
+            place = min(pressure[chamber], end_pa) / tables.step_pa
+            index = min(int(place), last)
+            low, high = tables.rows[index], tables.rows[index + 1]
+            for column in range(4):
+                alone = low[column] + (place - index) * (high[column] - low[column])
+                gain = low[column + 4] + (place - index) * (high[column + 4] - low[column + 4])
+                share[column, chamber] = alone + gain * (before + after)
+        # Along the diagonals at azimuth 45 and 135 deg.
+        first, second = share[1, 2] - share[1, 0], share[1, 3] - share[1, 1]
+        slope[row, 0] = _ROOT_HALF * (first - second)
+        slope[row, 1] = _ROOT_HALF * (first + second)
+        stretch[row] = (share[0, 0] + share[0, 2]) + (share[0, 1] + share[0, 3])
+        axial[row] = tables.rest_axial_n * math.exp((share[2, 0] + share[2, 2]) + (share[2, 1] + share[2, 3]))
+        torsion[row] = tables.rest_torsion_n_m2 * math.exp((share[3, 0] + share[3, 2]) + (share[3, 1] + share[3, 3]))
+    return stretch, slope, axial, torsion

@@ -1,6 +1,6 @@
-"""Gravity on a hanging muscle of constant curvature, and the bend at which it comes to rest.
+"""Gravity on a muscle of constant curvature, and the bend at which it comes to rest.
 
-The muscle hangs from its clamp, gravity along +z of the muscle frame. With theta = |bend|, L the active length, l the
+A muscle hangs from its clamp, gravity along +z of the muscle frame. With theta = |bend|, L the active length, l the
 length of a straight end and w the weight per length, the potential energy of gravity, zero when straight, is
 
     V(theta) = w [L^2 (1/2 - A) + l L (1 - D) + l^2/2 (1 - cos theta)],
@@ -8,6 +8,13 @@ length of a straight end and w the weight per length, the potential energy of gr
 
 Virtual work over the active length, where the bending moment is B theta / L - M0, gives the generalised balance
 (B / L) bend + dV/dbend = M0. The bend lies along M0, so one scalar equation is left.
+
+In any other posture, with gravity's components g across z and the one along it in the place of 9.81,
+
+    V(bend) = V(theta) - m' (g . bend) S(theta),   S = L^2 C + l L A + l^2 D / 2,   C = (1 - D) / theta^2,
+
+m' being the mass per length and S bend the integral of the muscle's sideways position over its length; the balance has
+two components then.
 """
 
 from __future__ import annotations
@@ -27,6 +34,7 @@ _SMALLEST_ANGLE_RAD = 1e-3
 _LAST_STEP_RAD = 1e-5
 """Newton's error after a step this small is below 1e-10 rad."""
 _MOST_ITERATIONS = 50
+_LONGEST_STEP_RAD = 0.5
 
 
 def gravity_energy_j(
@@ -91,12 +99,70 @@ def hanging_bend(
     return _rest(loads, springs, gravity, reach).reshape(*shape, 2)
 
 
+def resting_bend(
+    moment_n_m: ArrayLike, stiffness_n_m2: ArrayLike, geometry: MuscleGeometry, gravity_m_s2: ArrayLike
+) -> NDArray[np.float64]:
+    """Return the bend at which muscles rest under gravity of any direction.
+
+    :func:`hanging_bend` for its component along z; then, if there is one across, Newton's method in both components.
+    V is least where a muscle points down; while B / L exceeds the steepest fall of its slope (0.0023 N m/rad, upright
+    and straight, for the default geometry) there is one solution.
+
+    Args:
+        moment_n_m: intrinsic moments M0 in bend components, shape (..., 2).
+        stiffness_n_m2: bending stiffness B > 0, shape (...).
+        geometry: of the muscle.
+        gravity_m_s2: acceleration in the muscle frame, shape (3,).
+
+    Returns:
+        Bend [rad], shape (..., 2); NaN where the moment or the stiffness is NaN.
+    """
+    gravity = np.asarray(gravity_m_s2, dtype=float)
+    bend = hanging_bend(moment_n_m, stiffness_n_m2, geometry, float(gravity[2]))
+    if gravity[0] == 0.0 and gravity[1] == 0.0:
+        return bend
+    moment = np.broadcast_to(moment_n_m, bend.shape).reshape(-1, 2)
+    spring = np.broadcast_to(stiffness_n_m2, bend.shape[:-1]).reshape(-1) / geometry.active_length_m
+    along, across = _gravity(geometry, float(gravity[2])), _across(geometry, gravity)
+    return _tilted(bend.reshape(-1, 2), moment, spring, along, across).reshape(bend.shape)
+
+
+def holding_moment_n_m(
+    bend_rad: ArrayLike, stiffness_n_m2: ArrayLike, geometry: MuscleGeometry, gravity_m_s2: ArrayLike
+) -> NDArray[np.float64]:
+    """Return the intrinsic moments (n, 2) [N m] with which muscles would rest in the bends (n, 2).
+
+    The balance (B / L) bend + dV/dbend = M0 read the other way: the inverse of :func:`resting_bend`. NaN where the bend
+    or the stiffness (n,) is.
+    """
+    gravity = np.asarray(gravity_m_s2, dtype=float)
+    spring = np.asarray(stiffness_n_m2, dtype=float) / geometry.active_length_m
+    return _held(
+        np.asarray(bend_rad, dtype=float), spring, _gravity(geometry, float(gravity[2])), _across(geometry, gravity)
+    )
+
+
 class _Gravity(NamedTuple):
     """w L^2, w l L and w l^2 / 2 [N m]."""
 
     active2: float
     mixed: float
     end2: float
+
+
+class _Across(NamedTuple):
+    """Of gravity across z: its components times w L^2, w l L and w l^2 / 2, over g [N m]."""
+
+    x_active2: float
+    x_mixed: float
+    x_end2: float
+    y_active2: float
+    y_mixed: float
+    y_end2: float
+
+
+def _across(geometry: MuscleGeometry, gravity_m_s2: NDArray[np.float64]) -> _Across:
+    return _Across(*_gravity(geometry, float(gravity_m_s2[0])), *_gravity(geometry, float(gravity_m_s2[1])))
 
 
 def _gravity(geometry: MuscleGeometry, gravity_m_s2: float) -> _Gravity:
@@ -151,6 +217,83 @@ def _rest(
                 break
         secant, _ = _gravity_stiffness_of_one(angle, gravity)
         bend[i, 0], bend[i, 1] = moment[i, 0] / (spring[i] + secant), moment[i, 1] / (spring[i] + secant)
+    return bend
+
+
+@njit(cache=True)
+def _pull_across(bend_x: float, bend_y: float, across: _Across) -> tuple[float, float, float, float, float]:
+    """Gradient (x, y) and Hessian (xx, xy, yy) of -m' (g . bend) S, from the even functions' slopes over theta."""
+    angle = max(np.hypot(bend_x, bend_y), _SMALLEST_ANGLE_RAD)
+    square = angle * angle
+    d0 = np.sin(angle) / angle
+    a0 = 2.0 * np.sin(0.5 * angle) ** 2 / square
+    c0 = (1.0 - d0) / square
+    # f1 = f' / theta and f2 = f1' / theta.
+    d1, a1 = (np.cos(angle) - d0) / square, (d0 - 2.0 * a0) / square
+    c1 = -(d1 + 2.0 * c0) / square
+    d2, a2 = -(d0 + 3.0 * d1) / square, (d1 - 4.0 * a1) / square
+    c2 = -(d2 + 4.0 * c1) / square
+    x0 = across.x_active2 * c0 + across.x_mixed * a0 + across.x_end2 * d0
+    y0 = across.y_active2 * c0 + across.y_mixed * a0 + across.y_end2 * d0
+    x1 = across.x_active2 * c1 + across.x_mixed * a1 + across.x_end2 * d1
+    y1 = across.y_active2 * c1 + across.y_mixed * a1 + across.y_end2 * d1
+    x2 = across.x_active2 * c2 + across.x_mixed * a2 + across.x_end2 * d2
+    y2 = across.y_active2 * c2 + across.y_mixed * a2 + across.y_end2 * d2
+    first, second = x1 * bend_x + y1 * bend_y, x2 * bend_x + y2 * bend_y
+    return (
+        -(x0 + first * bend_x),
+        -(y0 + first * bend_y),
+        -(2.0 * x1 * bend_x + first + second * bend_x * bend_x),
+        -(x1 * bend_y + y1 * bend_x + second * bend_x * bend_y),
+        -(2.0 * y1 * bend_y + first + second * bend_y * bend_y),
+    )
+
+
+@njit(cache=True)
+def _held(
+    bend: NDArray[np.float64], spring: NDArray[np.float64], gravity: _Gravity, across: _Across
+) -> NDArray[np.float64]:
+    """Moments (n, 2) that balance bends (n, 2)."""
+    moment = np.empty(bend.shape)
+    for i in range(spring.shape[0]):
+        secant, _ = _gravity_stiffness_of_one(np.hypot(bend[i, 0], bend[i, 1]), gravity)
+        pull_x, pull_y, _, _, _ = _pull_across(bend[i, 0], bend[i, 1], across)
+        moment[i, 0] = (spring[i] + secant) * bend[i, 0] + pull_x
+        moment[i, 1] = (spring[i] + secant) * bend[i, 1] + pull_y
+    return moment
+
+
+@njit(cache=True)
+def _tilted(
+    start: NDArray[np.float64],
+    moment: NDArray[np.float64],
+    spring: NDArray[np.float64],
+    gravity: _Gravity,
+    across: _Across,
+) -> NDArray[np.float64]:
+    """Bends (n, 2) at rest, from those at rest under gravity along z: Newton's method, its steps limited."""
+    bend = np.empty(start.shape)
+    for i in range(spring.shape[0]):
+        x, y = start[i, 0], start[i, 1]
+        for _ in range(_MOST_ITERATIONS):
+            angle = np.hypot(x, y)
+            secant, tangent = _gravity_stiffness_of_one(angle, gravity)
+            rise = (tangent - secant) / max(angle, _SMALLEST_ANGLE_RAD) ** 2
+            pull_x, pull_y, xx, xy, yy = _pull_across(x, y, across)
+            left_x = (spring[i] + secant) * x + pull_x - moment[i, 0]
+            left_y = (spring[i] + secant) * y + pull_y - moment[i, 1]
+            xx += spring[i] + secant + rise * x * x
+            yy += spring[i] + secant + rise * y * y
+            xy += rise * x * y
+            determinant = xx * yy - xy * xy
+            step_x = -(yy * left_x - xy * left_y) / determinant
+            step_y = -(xx * left_y - xy * left_x) / determinant
+            size = np.hypot(step_x, step_y)
+            share = min(1.0, _LONGEST_STEP_RAD / max(size, 1e-300))
+            x, y = x + share * step_x, y + share * step_y
+            if not size > _LAST_STEP_RAD:  # true for NaN: it is passed on, not waited for
+                break
+        bend[i, 0], bend[i, 1] = x, y
     return bend
 
 

@@ -53,8 +53,8 @@ def compile_all(progress: Progress) -> None:
 
 def _estimate() -> None:
     estimator = BendEstimator.for_gripper(load_gripper(), load_config(EstimatorConfig, "estimator.yaml"))
-    for time_s in (0.0, 0.01):
-        estimator.update(time_s, np.zeros(CHANNEL_COUNT))
+    for time_s, gravity_m_s2 in ((0.0, (0.0, 0.0, 9.81)), (0.01, (9.81, 0.0, 0.0))):
+        estimator.tips(estimator.update(time_s, np.zeros(CHANNEL_COUNT), gravity_m_s2))
 
 
 def _flow() -> None:

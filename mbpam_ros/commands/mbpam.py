@@ -21,6 +21,7 @@ VERBS = (
         "grasps", "the least pressure that holds each of the paper's objects, and what holds it", "grasps", resumes=True
     ),
     Verb("peers", "CPU time at equal accuracy beside MuJoCo and PyElastica", "peers"),
+    Verb("rod", "one muscle as a rod under loads in any posture, alone or beside finite elements", "rod"),
     Verb("fe", "the finite element muscle: beside the paper's, and the laws made from it", "fe"),
     Verb("metamodels", "metamodels of the muscle beside each other and the paper's", "metamodels"),
     Verb("sample", "where to run finite elements so that few samples tell most", "sample"),

@@ -1,10 +1,18 @@
-"""Bend, tip and force of the four fingers from their measured chamber pressures, each with its uncertainty."""
+"""Bend, tip and force of the four fingers from their measured chamber pressures, each with its uncertainty.
+
+The bend is that of a muscle of constant curvature at rest in its posture (:mod:`~mbpam_ros.actuator.equilibrium`),
+cheap enough to be asked nine times for its slopes over the pressures. The tip is that of the full rod
+(:mod:`~mbpam_ros.actuator.elastic_rod`), which sags, stretches and, where gravity pulls across its plane, twists: a
+rod at rest whose chambers push with what would hold the bend, so that at rest it is the rod of the measured pressures,
+and in motion as far on its way as the bend is. The stretch follows the pressures at once: its slowest wave takes a
+tenth of the lag of the bend.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -13,8 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from mbpam_ros.actuator.calibration import Calibration, calibrate
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FINGER_COUNT
 from mbpam_ros.actuator.design import MuscleGeometry
-from mbpam_ros.actuator.equilibrium import hanging_bend
-from mbpam_ros.actuator.kinematics import centreline, tip_pose
+from mbpam_ros.actuator.elastic_rod import HANGING, FreeRods, RodsAtRest, check_strains
+from mbpam_ros.actuator.equilibrium import holding_moment_n_m, resting_bend
 from mbpam_ros.actuator.metamodel import MusclePerformance, load_metamodel
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.gripper import Gripper
@@ -33,13 +41,16 @@ class EstimatorConfig:
     Args:
         bend_time_constant_s: lag of the bend behind the equilibrium of the measured pressures.
         centreline_points: points per finger of the drawn centre line, at least 2.
+        strains: what the muscle does besides bending, for tips and centre lines.
     """
 
     bend_time_constant_s: float
     centreline_points: int
+    strains: tuple[Literal["bend", "stretch", "twist"], ...]
 
     def __post_init__(self) -> None:
         require_positive(self, "bend_time_constant_s")
+        check_strains(self.strains)
         if self.centreline_points < 2:
             raise ValueError(f"centreline_points must be at least 2, found {self.centreline_points}")
 
@@ -52,16 +63,18 @@ class GripperEstimate:
         pressure_gauge_pa: the pressures it comes from, shape (4 fingers, 4 chambers).
         moment_n_m: intrinsic moment of the chambers in bend components, shape (4, 2).
         bend_rad, bend_rate_rad_s: bend components and their rates, shape (4, 2).
+        gravity_m_s2: acceleration in ``gripper_base``, of all fingers, shape (3,).
     """
 
     pressure_gauge_pa: NDArray[np.float64]
     moment_n_m: NDArray[np.float64]
     bend_rad: NDArray[np.float64]
     bend_rate_rad_s: NDArray[np.float64]
+    gravity_m_s2: NDArray[np.float64]
 
 
 class BendEstimator:
-    """First-order lag of each finger's bend behind the hanging equilibrium of its measured pressures.
+    """First-order lag of each finger's bend behind the equilibrium of its measured pressures in its posture.
 
     Between two readings the equilibrium is taken to move in a straight line, for which the lag is integrated exactly
     (stable for every step; the same bend however a straight move is divided into steps). The first reading, and the
@@ -92,6 +105,7 @@ class BendEstimator:
         if self._base.shape != (FINGER_COUNT, 3):
             raise ValueError(f"finger_base_m must have shape ({FINGER_COUNT}, 3), found {self._base.shape}")
         self._relative_model_error = performance.theta_max_sigma_rad / performance.theta_max_rad
+        self._rods = FreeRods(self._law, geometry, config.strains)
         self._arc_length = np.linspace(0.0, geometry.length_m, config.centreline_points)
         self.reset()
 
@@ -112,7 +126,7 @@ class BendEstimator:
         bends = (FINGER_COUNT, 2)
         self._followed = _Followed(np.full(FINGER_COUNT, np.nan), np.full(bends, np.nan), np.full(bends, np.nan))
 
-    def update(self, time_s: float, pressure_gauge_pa: ArrayLike) -> GripperEstimate:
+    def update(self, time_s: float, pressure_gauge_pa: ArrayLike, gravity_m_s2: ArrayLike = HANGING) -> GripperEstimate:
         """Take one reading of all chambers and return the state of the fingers.
 
         A finger with a non-finite pressure gets NaN in every field and is not advanced; its next valid reading goes
@@ -121,21 +135,25 @@ class BendEstimator:
         Args:
             time_s: stamp of the reading.
             pressure_gauge_pa: shape (16,), NaN = no valid reading.
+            gravity_m_s2: acceleration in ``gripper_base``, whose axes the muscle frames have, shape (3,).
 
         Raises:
-            ValueError: a wrong shape or a time that is not finite. The state is unchanged.
+            ValueError: a wrong shape, a time or gravity that is not finite. The state is unchanged.
         """
         if not math.isfinite(time_s):
             raise ValueError(f"time must be finite, found {time_s}")
         pressure = _by_finger("pressure_gauge_pa", pressure_gauge_pa)
+        gravity = np.array(gravity_m_s2, dtype=float)
+        if gravity.shape != (3,) or not np.isfinite(gravity).all():
+            raise ValueError(f"gravity_m_s2 must be three finite numbers, found {gravity}")
         if time_s < self._latest_time_s:
             self.reset()
         self._latest_time_s = time_s
         pressure[~np.isfinite(pressure).all(axis=1)] = np.nan
         moment, stiffness = self._law.moment_and_stiffness(pressure)
-        equilibrium = hanging_bend(moment, stiffness, self._geometry)
+        equilibrium = resting_bend(moment, stiffness, self._geometry, gravity)
         bend, rate = _follow(self._followed, time_s, equilibrium, self._config.bend_time_constant_s)
-        return GripperEstimate(pressure, moment, bend, rate)
+        return GripperEstimate(pressure, moment, bend, rate, gravity)
 
     def bend_sigma_rad(self, estimate: GripperEstimate, variance_pa2: ArrayLike) -> NDArray[np.float64]:
         """Return one standard deviation of the bend [rad], shape (4,): pressure noise and the metamodel's error.
@@ -155,7 +173,7 @@ class BendEstimator:
         if (variance < 0.0).any():
             raise ValueError(f"variance_pa2 must not be negative, found {variance.min():g}")
         moment, stiffness = self._law.moment_and_stiffness(estimate.pressure_gauge_pa + _PROBES_PA[:, None, :])
-        probes = hanging_bend(moment, stiffness, self._geometry)
+        probes = resting_bend(moment, stiffness, self._geometry, estimate.gravity_m_s2)
         slope = (probes[:CHAMBERS_PER_FINGER] - probes[CHAMBERS_PER_FINGER:]) / (2.0 * _SLOPE_STEP_PA)
         noise = np.einsum("cfk,cfk,fc->f", slope, slope, variance)
         bend = estimate.bend_rad
@@ -163,25 +181,37 @@ class BendEstimator:
         sigma: NDArray[np.float64] = np.sqrt(noise + model**2)
         return sigma
 
-    def tips(self, bend_rad: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the tips' positions (4, 3) [m] and orientations (4, 4), x y z w, in ``gripper_base`` for bends (4, 2).
+    def tips(self, estimate: GripperEstimate) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the tips' positions (4, 3) [m] and orientations (4, 4), x y z w, in ``gripper_base``.
 
-        NaN where the bend is NaN.
+        NaN where the finger's state is not known.
         """
-        position, orientation = tip_pose(bend_rad, self._geometry)
-        return position + self._base, orientation
+        rods = self._resting_rods(estimate)
+        return self._base + rods.tip_position_m, rods.tip_orientation_xyzw
 
     def tip_force_n(self, moment_n_m: ArrayLike) -> NDArray[np.float64]:
         """Return the force against plates that block the tips, shape (4,), for intrinsic moments (4, 2)."""
         return self._tip_force.at(moment_n_m)
 
-    def centrelines(self, bend_rad: ArrayLike) -> NDArray[np.float64]:
-        """Return the centre lines of the fingers in ``gripper_base`` for bends (4, 2) [rad].
+    def centrelines(self, estimate: GripperEstimate) -> NDArray[np.float64]:
+        """Return the centre lines of the fingers in ``gripper_base``.
 
-        Shape (4, ``centreline_points``, 3) [m], from clamp to tip; NaN where the bend is NaN.
+        Shape (4, ``centreline_points``, 3) [m], from clamp to tip, evenly spaced before the muscle stretches; NaN where
+        the finger's state is not known.
         """
-        lines: NDArray[np.float64] = centreline(bend_rad, self._geometry, self._arc_length) + self._base[:, None, :]
+        rods = self._resting_rods(estimate)
+        lines = np.empty((FINGER_COUNT, self._arc_length.size, 3))
+        for finger, axis in np.ndindex(FINGER_COUNT, 3):
+            lines[finger, :, axis] = np.interp(self._arc_length, rods.arc_length_m, rods.centreline_m[finger, :, axis])
+        lines += self._base[:, None, :]
         return lines
+
+    def _resting_rods(self, estimate: GripperEstimate) -> RodsAtRest:
+        """The rods whose chambers push with what would hold the bends, at the estimate's pressures."""
+        gravity = estimate.gravity_m_s2
+        stiffness = self._law.moment_and_stiffness(estimate.pressure_gauge_pa)[1]
+        moment = holding_moment_n_m(estimate.bend_rad, stiffness, self._geometry, gravity)
+        return self._rods.at_rest(moment, estimate.pressure_gauge_pa, gravity.tolist(), estimate.bend_rad)
 
 
 class _Followed(NamedTuple):

@@ -99,6 +99,13 @@ TOPICS = (
     ),
     Topic("finger_markers", _MARKERS, "estimated shapes", ("state_estimator",)),
     Topic("plant/finger_markers", _MARKERS, "true shapes", ("plant",)),
+    Topic(
+        "gravity",
+        "geometry_msgs/msg/Vector3Stamped",
+        "direction in which gravity pulls, in gripper_base; until one comes, the gripper hangs, or as the scene says",
+        (),
+        ("plant", "state_estimator"),
+    ),
     Topic("camera/image_raw", "sensor_msgs/msg/Image", "rgb8 image of the palm", ("plant",), ("object_detector",)),
     Topic("camera/camera_info", "sensor_msgs/msg/CameraInfo", "its lens", ("plant",), ("object_detector",)),
     Topic(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, Quaternion
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3Stamped
 from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
@@ -130,6 +130,22 @@ def pose_arrays(message: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]
     if not (np.isfinite(position).all() and math.isfinite(length)) or length < 1e-9:
         raise MessageError("pose with a coordinate that is not finite or a quaternion of no length")
     return position, orientation / length
+
+
+def direction(message: Vector3Stamped, frame_id: str) -> NDArray[np.float64]:
+    """Return the unit vector (3,) along which a vector in a frame points.
+
+    Raises:
+        MessageError: another frame, a value that is not finite, or a vector without a direction.
+    """
+    if message.header.frame_id != frame_id:
+        raise MessageError(f"frame {message.header.frame_id!r}; the vector must be in {frame_id}")
+    vector = np.array([message.vector.x, message.vector.y, message.vector.z])
+    length = float(np.linalg.norm(vector))
+    if not 0.0 < length < np.inf:
+        raise MessageError(f"the vector ({', '.join(f'{part:g}' for part in vector)}) has no direction")
+    unit: NDArray[np.float64] = vector / length
+    return unit
 
 
 def _listing(names: list[str]) -> str:

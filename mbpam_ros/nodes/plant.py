@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Vector3Stamped
 from rclpy.clock import Clock as RosClock
 from rclpy.clock import ClockType
 from rosgraph_msgs.msg import Clock
@@ -21,8 +22,8 @@ from mbpam_ros.actuator.planar_rod import RodSolutionError
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.log_forwarding import forward_logs
-from mbpam_ros.nodes.markers import WORLD_FRAME, colour, finger_markers, solid_marker
-from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, time_stamp, with_answer
+from mbpam_ros.nodes.markers import BASE_FRAME, WORLD_FRAME, colour, finger_markers, solid_marker
+from mbpam_ros.nodes.messages import JointStateForm, MessageError, direction, named_values, time_stamp, with_answer
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.plant_camera import PlantCamera
 from mbpam_ros.plant.fidelity import Fidelity
@@ -93,6 +94,7 @@ class PlantNode(GripperNode):
         self._markers = self.create_publisher(MarkerArray, "plant/finger_markers", STREAM)
         self._clock_topic = self.create_publisher(Clock, "/clock", STREAM) if self.value("publish_clock") else None
         self.create_subscription(JointState, "valve_commands", self._on_valve_commands, NEWEST)
+        self.create_subscription(Vector3Stamped, "gravity", self._on_gravity, NEWEST)
         self.create_service(Trigger, "plant/reset", self._on_reset)
         self.create_service(Trigger, "plant/lift", lambda _, response: with_answer(response, self._plant.lift()))
         self.create_service(Trigger, "plant/lower", lambda _, response: with_answer(response, self._plant.lower()))
@@ -185,6 +187,12 @@ class PlantNode(GripperNode):
         if self._lock_step and message.header.stamp == self._stamp:
             self._answering = self._ends_of_the_loop()
             self._tick()
+
+    def _on_gravity(self, message: Vector3Stamped) -> None:
+        try:
+            self._plant.set_gravity(self._scene.gravity_m_s2 * direction(message, BASE_FRAME))
+        except (MessageError, TierError) as error:
+            self.refuse("gravity", error)
 
     def _tick(self) -> None:
         if self.failure is not None:

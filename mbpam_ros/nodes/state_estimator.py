@@ -11,19 +11,21 @@ from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, NodeOpt
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import PoseArray, Vector3Stamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import BEND_NAMES, CHANNEL_COUNT, CHANNEL_NAMES, FINGER_NAMES
+from mbpam_ros.actuator.elastic_rod import HANGING
+from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.actuator.metamodel import metamodel_name
 from mbpam_ros.actuator.planar_rod import RodSolutionError
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.estimation.estimator import BendEstimator, EstimatorConfig, GripperEstimate
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.markers import BASE_FRAME, finger_markers
-from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, pose, seconds
+from mbpam_ros.nodes.messages import JointStateForm, MessageError, direction, named_values, pose, seconds
 from mbpam_ros.nodes.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -57,6 +59,7 @@ class StateEstimatorNode(GripperNode):
             raise ConfigError(f"{place}: no rod law for this muscle: {error}") from error
         self._estimate: GripperEstimate | None = None
         self._received_s = -math.inf
+        self._gravity_m_s2 = np.array(HANGING)
 
         self._joints = self.create_publisher(JointState, "joint_states", STREAM)
         self._tips = self.create_publisher(PoseArray, "finger_tips", STREAM)
@@ -64,6 +67,7 @@ class StateEstimatorNode(GripperNode):
         self._markers = self.create_publisher(MarkerArray, "finger_markers", STREAM)
         self._bends, self._tip_forces = JointStateForm(BEND_NAMES), JointStateForm(FINGER_NAMES)
         self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
+        self.create_subscription(Vector3Stamped, "gravity", self._on_gravity, NEWEST)
         self.create_timer(1.0 / self.number("marker_rate_hz"), self._publish_markers)
 
     def health(self) -> Health:
@@ -90,13 +94,20 @@ class StateEstimatorNode(GripperNode):
     def _on_chamber_states(self, message: JointState) -> None:
         try:
             pressure_gauge_pa = named_values(message, CHANNEL_NAMES, "effort")
-            self._estimate = self._estimator.update(seconds(message.header.stamp), pressure_gauge_pa)
+            stamp_s = seconds(message.header.stamp)
+            self._estimate = self._estimator.update(stamp_s, pressure_gauge_pa, self._gravity_m_s2)
             self._received_s = self.now_s()
         except (MessageError, ValueError) as error:
             self.refuse("chamber_states", error)
             return
         self._publish(message.header.stamp, self._estimate)
         self.publish_health_change(np.isnan(self._estimate.bend_rad).tobytes())
+
+    def _on_gravity(self, message: Vector3Stamped) -> None:
+        try:
+            self._gravity_m_s2 = GRAVITY_M_S2 * direction(message, BASE_FRAME)
+        except MessageError as error:
+            self.refuse("gravity", error)
 
     def _publish(self, stamp: Time, estimate: GripperEstimate) -> None:
         """Publish the estimate where anybody listens: the messages cost as much as the estimate itself."""
@@ -116,13 +127,13 @@ class StateEstimatorNode(GripperNode):
         if self._tips.get_subscription_count() > 0:
             tips = PoseArray()
             tips.header.stamp, tips.header.frame_id = stamp, BASE_FRAME
-            tips.poses = [pose(*tip) for tip in zip(*self._estimator.tips(estimate.bend_rad), strict=True)]
+            tips.poses = [pose(*tip) for tip in zip(*self._estimator.tips(estimate), strict=True)]
             self._tips.publish(tips)
 
     def _publish_markers(self) -> None:
         if self._estimate is None or self._is_stale() or self._markers.get_subscription_count() == 0:
             return
-        lines = self._estimator.centrelines(self._estimate.bend_rad)
+        lines = self._estimator.centrelines(self._estimate)
         stamp = self.now_stamp()
         radius_m = self._gripper.geometry.outer_radius_m
         self._markers.publish(MarkerArray(markers=finger_markers(stamp, BASE_FRAME, lines, radius_m, (0.2, 0.6, 1.0))))

@@ -16,6 +16,12 @@ TABLE = "data/fidelity_trade.json"
 AUTO = "auto"
 """The tier of a scene file that leaves the choice to the planner."""
 
+STRAINS = ("bend", "twist", "stretch")
+"""What a rod may do; shear is left out."""
+
+TWIST_MODES = STRETCH_MODES = 2
+"""Modes of a strain that a scene asks for."""
+
 ALL_FINGERS = tuple(range(1, FINGER_COUNT + 1))
 """Numbers of the fingers."""
 
@@ -35,6 +41,8 @@ class Fidelity:
             nothing.
         contact: whether anything touches; false leaves the object where it starts, to be seen only, and costs nothing.
         largest_jump_pct: what a tip may move by where the number of modes changes, of the active length.
+        twist_modes, stretch_modes: modes of twist and of stretch, tier rod; without modes a muscle keeps its length, or
+            does not twist, and nothing is spent on it.
     """
 
     tier: str
@@ -45,9 +53,15 @@ class Fidelity:
     moving_fingers: tuple[int, ...] = ALL_FINGERS
     contact: bool = True
     largest_jump_pct: float = 5.0
+    twist_modes: int = 0
+    stretch_modes: int = 0
 
     def __post_init__(self) -> None:
         require_positive(self, "sub_step_s", "largest_jump_pct")
+        if min(self.twist_modes, self.stretch_modes) < 0:
+            raise ValueError(
+                f"twist_modes and stretch_modes are 0 or more, found {self.twist_modes}, {self.stretch_modes}"
+            )
         _require_fingers(self.moving_fingers)
 
 
@@ -81,6 +95,7 @@ class FidelityRequest:
         air_modes: those while the object is out of reach; none for always ``modes``.
         moving_fingers, contact: as in :class:`Fidelity`; none for all, and for contact with what there is.
         tolerance: what errors are allowed; none for the default.
+        strains: which of bend, twist and stretch a muscle has in the tier ``rod``; bend always.
     """
 
     tier: str = AUTO
@@ -91,10 +106,13 @@ class FidelityRequest:
     moving_fingers: tuple[int, ...] | None = None
     contact: bool | None = None
     tolerance: Tolerance | None = None
+    strains: tuple[str, ...] = ("bend",)
 
     def __post_init__(self) -> None:
         if self.sub_step_s is not None:
             require_positive(self, "sub_step_s")
+        if "bend" not in self.strains or not set(self.strains) <= set(STRAINS):
+            raise ValueError(f"strains are bend and any of {', '.join(STRAINS[1:])}, found {list(self.strains)}")
         if self.moving_fingers is not None:
             _require_fingers(self.moving_fingers)
 

@@ -50,6 +50,7 @@ def placed(scene: Scene, gripper: Gripper, config: PlantConfig, contact: bool) -
         planes_m=planes,
         config=_with_own_contact(config, scene),
         fingers_touch=scene.fingers_touch,
+        gravity_direction=scene.gravity_direction,
     )
 
 

@@ -17,6 +17,8 @@ from mbpam_ros.configuration import ConfigError
 from mbpam_ros.plant.fidelity import (
     ALL_FINGERS,
     AUTO,
+    STRETCH_MODES,
+    TWIST_MODES,
     Fidelity,
     FidelityRequest,
     FidelityTable,
@@ -203,6 +205,8 @@ def _with_what_is_not_measured(chosen: Fidelity, request: FidelityRequest) -> Fi
         moving_fingers=request.moving_fingers or ALL_FINGERS,
         contact=request.contact is not False,
         largest_jump_pct=(request.tolerance or Tolerance()).static_pct,
+        twist_modes=TWIST_MODES if "twist" in request.strains else 0,
+        stretch_modes=STRETCH_MODES if "stretch" in request.strains else 0,
     )
 
 

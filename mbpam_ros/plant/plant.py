@@ -37,6 +37,10 @@ from mbpam_ros.pneumatics.transducer import Transducer
 Array = NDArray[np.float64]
 
 
+class GravityError(MbpamError, ValueError):
+    """No vector of gravity. Nothing was changed."""
+
+
 class StepSizeError(MbpamError, ValueError):
     """A step that is not a whole multiple of the plant's sub-step. Nothing was changed."""
 
@@ -225,5 +229,22 @@ class Plant:
             )
         return count
 
+    def set_gravity(self, gravity_m_s2: ArrayLike) -> None:
+        """Let gravity act as this vector from now on, also after a reset: a hand that an arm tilts.
+
+        Args:
+            gravity_m_s2: in ``gripper_base``, shape (3,), finite.
+
+        Raises:
+            GravityError: another shape, or a value that is not finite; nothing was changed.
+            TierError: the tier keeps the gravity it was built with.
+        """
+        vector = np.array(gravity_m_s2, dtype=float)
+        if vector.shape != (3,) or not np.isfinite(vector).all():
+            raise GravityError(f"gravity must be three finite numbers in m/s2, found {gravity_m_s2!r}")
+        self._tier.set_gravity(vector)
+
     def _actuation(self, pressure_gauge_pa: Array) -> Actuation:
-        return Actuation(*self._law.moment_and_stiffness(pressure_gauge_pa.reshape(FINGER_COUNT, CHAMBERS_PER_FINGER)))
+        pressure = pressure_gauge_pa.reshape(FINGER_COUNT, CHAMBERS_PER_FINGER)
+        strain = self._law.strain_law(pressure) if self._tier.has_strain else None
+        return Actuation(*self._law.moment_and_stiffness(pressure), strain)

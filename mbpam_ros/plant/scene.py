@@ -99,12 +99,14 @@ class Scene:
         object: what is there to grasp; none for an empty scene. A file names one of ``objects.yaml``.
         object_position_m: centre of the object at the start; given with ``object``.
         object_yaw_rad: turn about z; 0 lays a rod along y.
-        gravity_m_s2: acceleration along +z.
+        gravity_m_s2: acceleration of gravity.
         support: what the object rests on.
         lift: travel of the hand.
         friction_coefficient: of fingers on the object; none for that of ``plant.yaml``.
         contact_stiffness_n_m: of fingers on the object; none for that of ``plant.yaml``.
         fingers_touch: whether fingers touch each other (tiers arc and rod); otherwise they pass through each other.
+        gravity_direction: along which gravity acts, of any length but zero; made one of length 1. +z: the hand hangs;
+            -z: it stands; supports stay level in ``gripper_base``. The tier static knows +z only.
     """
 
     name: str
@@ -117,8 +119,13 @@ class Scene:
     friction_coefficient: float | None = None
     contact_stiffness_n_m: float | None = None
     fingers_touch: bool = True
+    gravity_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
+        length = math.hypot(*self.gravity_direction)
+        if not 0.0 < length < math.inf:
+            raise ValueError(f"gravity_direction must point somewhere, found {list(self.gravity_direction)}")
+        object.__setattr__(self, "gravity_direction", tuple(part / length for part in self.gravity_direction))
         if (self.object is None) != (self.object_position_m is None):
             raise ValueError("object and object_position_m must both be given or both be null")
         if self.friction_coefficient is not None and self.friction_coefficient < 0.0:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Vector3Stamped
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_srvs.srv import Trigger
@@ -35,6 +36,13 @@ def command(opening, stamp=None, names=CHANNEL_NAMES):
 
 def volts(message):
     return np.array(message.effort)
+
+
+def vector(frame_id, values):
+    message = Vector3Stamped()
+    message.header.frame_id = frame_id
+    message.vector.x, message.vector.y, message.vector.z = (float(value) for value in values)
+    return message
 
 
 class PlantInRealTime:
@@ -87,6 +95,10 @@ class PlantInLockStep:
 
     def call(self, name):
         return self.graph.call(Trigger, f"plant/{name}")
+
+    def tip_x_m(self):
+        """Where the tip of finger 1 is along x, from the markers of truth."""
+        return self.truth[-1].markers[0].points[-1].x
 
     def true_height_m(self, namespace):
         """Height of the palm or the object over its start, from the markers of truth."""
@@ -291,6 +303,27 @@ def test_the_markers_of_truth_show_fingers_palm_and_object_in_the_world(graph):
     assert body.type == Marker.CUBE
     assert (body.scale.x, body.scale.y, body.scale.z) == (0.035, 0.120, 0.060)
     assert body.pose.position.z == pytest.approx(0.085, abs=1e-3)
+
+
+def test_gravity_from_the_side_pulls_the_fingers_there_and_a_vector_without_direction_is_refused(graph):
+    plant = PlantInLockStep(graph, marker_rate_hz=100.0)
+    gravity = graph.publisher(Vector3Stamped, "gravity")
+    plant.run_until(0.05)
+    for frame, values in (
+        ("gripper_base", (0.0, 0.0, 0.0)),
+        ("gripper_base", (math.nan, 0.0, 1.0)),
+        ("world", (1, 0, 0)),
+    ):
+        refused = plant.node.refused_inputs
+        gravity.publish(vector(frame, values))
+        graph.spin_until(lambda refused=refused: plant.node.refused_inputs == refused + 1, "the refusal")
+    assert plant.tip_x_m() == pytest.approx(load_gripper().finger_base_m[0, 0], abs=1e-6)
+    gravity.publish(vector("gripper_base", (3.0, 0.0, 0.0)))
+    graph.spin_until(lambda: plant.tip_x_m() > load_gripper().finger_base_m[0, 0] + 0.02, "a finger that sags")
+    assert plant.call("reset").success
+    start_s = plant.time_s
+    plant.run_until(start_s + 1.0)
+    assert plant.tip_x_m() > load_gripper().finger_base_m[0, 0] + 0.02
 
 
 def test_the_camera_publishes_images_with_their_camera_info_at_its_own_rate(graph):

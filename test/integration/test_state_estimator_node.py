@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import PoseArray, Vector3, Vector3Stamped
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
@@ -74,6 +74,28 @@ class Estimates:
     @property
     def bend_rad(self):
         return np.array(self.joints[-1].position).reshape(4, 2)
+
+
+def test_gravity_from_the_arm_moves_the_fingers_and_a_bad_one_leaves_the_last(graph):
+    estimates = Estimates(graph)
+    gravity = graph.publisher(Vector3Stamped, "gravity")
+    estimates.feed(np.zeros(16), 1.0)
+    np.testing.assert_allclose(estimates.bend_rad, 0.0, atol=1e-9)
+    seen = estimates.node._gravity_m_s2
+    level = Vector3Stamped(vector=Vector3(x=2.0))
+    level.header.frame_id = "gripper_base"
+    gravity.publish(level)
+    graph.spin_until(lambda: estimates.node._gravity_m_s2 is not seen, "gravity")
+    for bad in (Vector3Stamped(), Vector3Stamped(vector=Vector3(z=1.0))):
+        bad.header.frame_id = "" if bad.vector.z else "gripper_base"
+        refused = estimates.node.refused_inputs
+        gravity.publish(bad)
+        graph.spin_until(lambda refused=refused: estimates.node.refused_inputs > refused, "the refusal")
+    for index in range(1, 100):
+        estimates.feed(np.zeros(16), 1.0 + 0.01 * index)
+    assert (estimates.bend_rad[:, 0] > math.radians(5.0)).all()
+    tips, bases = estimates.tips[-1].poses, load_gripper().finger_base_m
+    assert all(tip.position.x - base[0] > 0.005 for tip, base in zip(tips, bases, strict=True))
 
 
 def test_when_the_pressures_end_its_health_says_so_and_no_fingers_are_drawn(graph):

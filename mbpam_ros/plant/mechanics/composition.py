@@ -53,24 +53,23 @@ class Composition:
 
     def _advance(self, whole: Drive, heights: Array, rates: Array) -> tuple[int, int]:
         state, drive, contacts, iterations = self._parts.state, self._parts.drive, self._parts.contacts, 0
-        for moments, stiffnesses, height, rate in _ends(whole, heights, rates):
+        for ends, height, rate in _ends(whole, heights, rates):
             start = [part.copy() for part in state]
-            answer = self._composed_step(moments, stiffnesses, height, rate)
+            answer = self._composed_step(ends, height, rate)
             if contacts.count[0]:
                 for part, before in zip(state, start, strict=True):
                     part[:] = before
-                drive.moments[:], drive.stiffnesses[:] = moments[[0, -1]], stiffnesses[[0, -1]]
+                _take(drive, ends, slice(None, None, len(SHARES)))
                 answer, count = self._step(self._whole, height[[0, -1]], rate[[0, -1]])
                 iterations = max(iterations, count)
             if answer != OK:
                 return answer, iterations
         return OK, iterations
 
-    def _composed_step(self, moments: Array, stiffnesses: Array, heights: Array, rates: Array) -> int:
+    def _composed_step(self, ends: Drive, heights: Array, rates: Array) -> int:
         """Advance by one sub-step; stop where something touches."""
-        drive = self._parts.drive
         for k, share in enumerate(self._shares):
-            drive.moments[:], drive.stiffnesses[:] = moments[k : k + 2], stiffnesses[k : k + 2]
+            _take(self._parts.drive, ends, slice(k, k + 2))
             answer, _ = self._step(share, heights[k : k + 2], rates[k : k + 2])
             if answer != OK or self._parts.contacts.count[0]:
                 return answer
@@ -81,8 +80,13 @@ class Composition:
         return advance(bound, heights, rates)
 
 
-def _ends(drive: Drive, heights: Array, rates: Array) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Yield moments, stiffnesses, heights and rates at the ends of the five parts of each sub-step.
+def _take(drive: Drive, ends: Drive, which: slice) -> None:
+    for part, values in zip(drive, ends, strict=True):
+        part[:] = values[which]
+
+
+def _ends(drive: Drive, heights: Array, rates: Array) -> Iterator[tuple[Drive, Array, Array]]:
+    """Yield what drives, heights and rates at the ends of the five parts of each sub-step.
 
     The hand accelerates in all of them as in the whole.
     """
@@ -90,8 +94,7 @@ def _ends(drive: Drive, heights: Array, rates: Array) -> Iterator[tuple[Array, A
     for step in range(steps):
         blend = (step + done) / steps
         yield (
-            drive.moments[0] + blend[:, None, None] * (drive.moments[1] - drive.moments[0]),
-            drive.stiffnesses[0] + blend[:, None] * (drive.stiffnesses[1] - drive.stiffnesses[0]),
+            Drive(*(part[0] + np.multiply.outer(blend, part[1] - part[0]) for part in drive)),
             heights[step] + done * (heights[step + 1] - heights[step]),
             rates[step] + done * (rates[step + 1] - rates[step]),
         )

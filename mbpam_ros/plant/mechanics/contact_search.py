@@ -102,7 +102,7 @@ def _muscle_contacts(
         distance, gx, gy, gz = signed_distance(shape, half, x, y, z)
         depth = rod.radius - distance
         if depth <= 0.0:
-            nearest = k + math.ceil(-depth / rod.spacing)
+            nearest = k + math.ceil(-depth / rod.farthest)
             continue
         outward = to_world(rotation, (gx, gy, gz))
         arm = times(-0.5 * (distance + rod.radius), outward)  # to the point half-way between the two surfaces

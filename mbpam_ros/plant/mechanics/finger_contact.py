@@ -20,7 +20,7 @@ import numpy as np
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
 from mbpam_ros.plant.mechanics.contact_law import Contacts
 from mbpam_ros.plant.mechanics.kernel import kernel
-from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position
+from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position, coordinates_of
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, combined, dot, minus, norm, plus, row, times
 
 _STRIDE, _FINE_STRIDE = 12, 4
@@ -39,14 +39,14 @@ class Lines(NamedTuple):
 
 def lines(rod: Rod, fingers: int) -> Lines:
     """Return the room for fingers with this rod."""
-    balls, coordinates = rod.balls.shape[0], 2 * rod.bends.shape[2]
+    balls, coordinates = rod.balls.shape[0], coordinates_of(rod)
     return Lines(np.empty((fingers, balls, 3)), np.empty((fingers, 2, 3)), np.empty((2, 6, coordinates)))
 
 
 @kernel
 def fingers_near(bases: Array, rod: Rod, motion: Motion, room: Lines) -> bool:
     """Write the boxes of all fingers; return whether any two overlap."""
-    slack = rod.radius + 0.5 * _STRIDE * rod.spacing
+    slack = rod.radius + 0.5 * _STRIDE * rod.farthest
     near = False
     for f in range(bases.shape[0]):
         box = room.boxes[f]
@@ -98,7 +98,7 @@ def _write_points(bases: Array, rod: Rod, motion: Motion, stride: int, points: A
 @kernel
 def _may_touch(rod: Rod, one: Array, other: Array) -> bool:
     """Whether two muscles may touch, by their compared balls: what is between is within half a stride of one."""
-    reach = 2.0 * rod.radius + _FINE_STRIDE * rod.spacing
+    reach = 2.0 * rod.radius + _FINE_STRIDE * rod.farthest
     for k in range(0, one.shape[0], _FINE_STRIDE):
         for m in range(0, other.shape[0], _FINE_STRIDE):
             between = minus(row(one, k), row(other, m))
@@ -141,10 +141,10 @@ def _ball_contacts(
         if k < next_ball:
             continue
         centre = row(room.points[one], k)
-        along, distance = _nearest_point(line, rod.spacing, centre)
+        along, distance = _nearest_point(line, rod.farthest, centre)
         depth = 2.0 * rod.radius - distance
         if depth <= 0.0:
-            next_ball = k + math.ceil(-depth / rod.spacing)
+            next_ball = k + math.ceil(-depth / rod.farthest)
             continue
         j = min(int(along), balls - 2)
         t = along - j

@@ -1,9 +1,14 @@
 r"""Four muscles and one rigid object: the coupled step, compiled.
 
-Unknowns: the velocities v after a sub-step, those of the D = 2 m coordinates q of each muscle and (with an object) its
-linear and angular velocity. With the stiffness B and the active length L, mode i of a muscle has the stiffness
-k_i = B / (L (2 i + 1)), the integral of B P_i^2 over the length; M0 acts on mode 0 only. Each muscle, with the
-evaluation point theta:
+Unknowns: the velocities v after a sub-step, those of the D coordinates q of each muscle
+(:mod:`~mbpam_ros.plant.mechanics.rod`) and (with an object) its linear and angular velocity. With the stiffness B and
+the active length L, mode i of a muscle's curvature has the stiffness k_i = B / (L (2 i + 1)), the integral of B P_i^2
+over the length; M0 acts on mode 0 only. Twist has GJ for B and no moment. Stretch has the energy per length
+
+    EA / 2 (s - 1 - eps_0 - c . kappa)^2       eps_0 and c: what the air does to a free axis
+
+whose slopes by the curvature act on it too; of modes that only one of the two has nothing is counted. All is quadratic
+in q at given pressures. Each muscle, with the evaluation point theta:
 
     M (v - v0) / h = M0 - k (q + theta h v_theta) - eta k v_theta + load + J_c^T F
     v_theta = (1 - theta) v0 + theta v
@@ -49,10 +54,19 @@ from mbpam_ros.plant.mechanics.contact_solver import Scratch, scratch, solve_con
 from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines
 from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.packed_arguments import Block, access, new_block
-from mbpam_ros.plant.mechanics.rod import Motion, Rod, masses_and_loads, motion_at_rest, move_rods
+from mbpam_ros.plant.mechanics.rod import (
+    LARGEST_STRETCH,
+    Motion,
+    Rod,
+    coordinates_of,
+    masses_and_loads,
+    motion_at_rest,
+    move_rods,
+    room_for_loads,
+)
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross, dot, norm, plus, times, vector
 
-OK, NOT_FINITE, TOO_FAST, NOT_SOLVED, TOO_BENT = 0, 1, 2, 3, 4
+OK, NOT_FINITE, TOO_FAST, NOT_SOLVED, TOO_BENT, TOO_LONG = 0, 1, 2, 3, 4, 5
 """What a step answers."""
 
 SOLVED_M_S = 1e-4
@@ -81,14 +95,21 @@ class State(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """What bends the muscles: moments and stiffnesses at the start and the end of a call, linear between them.
+    """What the air does to the muscles: at the start and the end of a call, linear between them.
 
     Args:
-        moments, stiffnesses: shapes (2, 4, 2) and (2, 4).
+        moments, stiffnesses: M0 and B, shapes (2, 4, 2) and (2, 4).
+        torsions: GJ, shape (2, 4); counts where there is twist, as what follows where there is stretch.
+        axials, free_stretches: EA and eps_0, shapes (2, 4).
+        couplings: c [m], shape (2, 4, 2).
     """
 
     moments: Array
     stiffnesses: Array
+    torsions: Array
+    axials: Array
+    free_stretches: Array
+    couplings: Array
 
 
 class System(NamedTuple):
@@ -97,7 +118,7 @@ class System(NamedTuple):
     Args:
         step_s: length of a sub-step.
         sweeps: the most evaluations of masses and loads in a step in which nothing touches.
-        gravity: along +z.
+        gravity: as a vector, shape (3,).
         bases: clamp points, shape (4, 3).
         rod, retardation: mechanics of a muscle, and its damping over its stiffness.
         mass, inertia: of the object, about its own axes, shape (3,).
@@ -107,7 +128,7 @@ class System(NamedTuple):
 
     step_s: float
     sweeps: int
-    gravity: float
+    gravity: Array
     bases: Array
     rod: Rod
     retardation: float
@@ -210,21 +231,27 @@ class Parts(NamedTuple):
     work: Work
 
 
+def new_drive(fingers: int) -> Drive:
+    """Return a drive that does nothing to muscles of unit stiffness."""
+    line, plane = (2, fingers), (2, fingers, 2)
+    return Drive(np.zeros(plane), np.ones(line), np.ones(line), np.ones(line), np.zeros(line), np.zeros(plane))
+
+
 def assemble(state: State, system: System, contacts: Contacts) -> Parts:
     """Return the parts with room for the rest; nothing drives the muscles yet."""
-    fingers, (segments, _, modes), size = len(system.bases), system.rod.bends.shape, len(state.velocity)
-    columns = 2 * modes
+    fingers, rod, size = len(system.bases), system.rod, len(state.velocity)
+    columns = coordinates_of(rod)
     return Parts(
         state,
-        Drive(np.zeros((2, fingers, 2)), np.ones((2, fingers))),
+        new_drive(fingers),
         system,
         contacts,
-        motion_at_rest(fingers, modes, segments),
+        motion_at_rest(rod, fingers),
         Forces(np.zeros((fingers, 3)), np.zeros(3), np.zeros(3), np.zeros((fingers, 3))),
         Work(
             midpoint_known=np.zeros(1, np.bool_),
             ahead_known=np.zeros(1, np.bool_),
-            motion=motion_at_rest(fingers, modes, segments),
+            motion=motion_at_rest(rod, fingers),
             gain=np.zeros(size),
             ahead=np.zeros(size),
             a=np.zeros((size, size)),
@@ -239,10 +266,10 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
                 np.zeros((fingers, columns)),
                 np.zeros((fingers, columns)),
                 np.zeros((fingers, columns, columns)),
-                np.zeros((modes + 1, 6 * segments)),
+                room_for_loads(rod),
             ),
             spots=places(system.surroundings),
-            room_of_lines=lines(system.rod, fingers),
+            room_of_lines=lines(rod, fingers),
             equations=scratch(size, columns, fingers),
         ),
     )
@@ -267,13 +294,19 @@ def _muscle_equations(
 ) -> None:  # fmt: skip
     """Write the muscles' rows of a v = b with the masses and loads in ``room``."""
     h, eta, springs = system.step_s, system.retardation, system.rod.springs
+    bends, stretches = 2 * system.rod.bends.shape[2], system.rod.stretches.shape[1]
     fingers, size = room.shape.shape
     for f in range(fingers):
         stiffness = h * ((1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f])
+        torsion = h * ((1.0 - blend) * drive.torsions[0, f] + blend * drive.torsions[1, f])
         t, first = theta[f], f * size
         implicit, explicit = t * (eta + t * h), (1.0 - t) * (eta + t * h)
         for i in range(size):
-            n, k = first + i, stiffness * springs[i >> 1]
+            n, k = first + i, 0.0  # stretch has its own terms
+            if i < bends:
+                k = stiffness * springs[i >> 1]
+            elif i < size - stretches:
+                k = torsion * springs[i - bends]
             total = h * room.load[f, i] - k * (state.shape[n] + explicit * start[n])
             if i < 2:
                 total += h * ((1.0 - blend) * drive.moments[0, f, i] + blend * drive.moments[1, f, i])
@@ -282,6 +315,43 @@ def _muscle_equations(
                 total += room.mass[f, i, j] * start[first + j]
             a[n, n] += k * implicit
             b[n] = total
+        if stretches > 0:
+            _stretch_equations(state, start, system, drive, blend, f, implicit, explicit, a, b)
+
+
+@kernel
+def _stretch_equations(
+    state: State, start: Array, system: System, drive: Drive, blend: float, f: int, implicit: float, explicit: float,
+    a: Array, b: Array,
+) -> None:  # fmt: skip
+    """Add what the energy of the stretch gives to a finger's rows.
+
+    Mode i has L EA / (2 (2 i + 1)) (e_i - [eps_0] - c . q_i / L)^2, with eps_0 for i = 0.
+    """
+    rod, springs, fingers = system.rod, system.rod.stretch_springs, drive.axials.shape[1]
+    size = state.shape.shape[0] // fingers
+    axial = system.step_s * ((1.0 - blend) * drive.axials[0, f] + blend * drive.axials[1, f])
+    free = (1.0 - blend) * drive.free_stretches[0, f] + blend * drive.free_stretches[1, f]
+    cx = ((1.0 - blend) * drive.couplings[0, f, 0] + blend * drive.couplings[1, f, 0]) / rod.active_length
+    cy = ((1.0 - blend) * drive.couplings[0, f, 1] + blend * drive.couplings[1, f, 1]) / rod.active_length
+    for i in range(springs.shape[0]):
+        k = axial * springs[i]
+        e, x, y = f * size + size - springs.shape[0] + i, f * size + 2 * i, f * size + 2 * i + 1
+        off = state.shape[e] + explicit * start[e] - (free if i == 0 else 0.0)
+        a[e, e] += k * implicit
+        if i < rod.bends.shape[2]:
+            off -= cx * (state.shape[x] + explicit * start[x]) + cy * (state.shape[y] + explicit * start[y])
+            b[x] += k * cx * off
+            b[y] += k * cy * off
+            a[x, x] += k * implicit * cx * cx
+            a[y, y] += k * implicit * cy * cy
+            a[x, y] += k * implicit * cx * cy
+            a[y, x] += k * implicit * cx * cy
+            a[e, x] -= k * implicit * cx
+            a[x, e] -= k * implicit * cx
+            a[e, y] -= k * implicit * cy
+            a[y, e] -= k * implicit * cy
+        b[e] -= k * off
 
 
 @kernel
@@ -295,7 +365,7 @@ def _object_equations(
     write_rotation(middle, rotation)
     for i in range(3):
         a[n + i, n + i] = system.mass
-        b[n + i] = system.mass * (start[n + i] + (h * system.gravity if i == 2 else 0.0))
+        b[n + i] = system.mass * (start[n + i] + h * system.gravity[i])
         for j in range(3):
             total = 0.0
             for k in range(3):
@@ -309,7 +379,7 @@ def _object_equations(
 
 
 @kernel
-def _move(state: State, start: Array, h: float, theta: Array, turn: Array) -> int:
+def _move(state: State, start: Array, h: float, stretches: int, theta: Array, turn: Array) -> int:
     """Move muscles and object by the velocities; return OK or what went wrong."""
     shape, v = state.shape, state.velocity
     n, fingers = shape.shape[0], theta.shape[0] - 1
@@ -323,6 +393,13 @@ def _move(state: State, start: Array, h: float, theta: Array, turn: Array) -> in
         shape[i] += h * ((1.0 - t) * start[i] + t * v[i])
         if abs(shape[i]) > LARGEST_BEND_RAD:
             return TOO_BENT
+    if stretches > 0:
+        for f in range(fingers):
+            last, longer = (f + 1) * (n // fingers), 0.0
+            for i in range(last - stretches, last):
+                longer += abs(shape[i])
+            if longer > LARGEST_STRETCH:
+                return TOO_LONG
     if v.shape[0] > n:
         t = theta[-1]
         for i in range(6):
@@ -417,7 +494,11 @@ def _find_velocities(
     state, drive, system, contacts, work = parts.state, parts.drive, parts.system, parts.contacts, parts.work
     motion, room, around = work.motion, work.room, system.surroundings
     blend = (step + 0.5) / (heights.shape[0] - 1)
-    gravity = system.gravity + (rates[step + 1] - rates[step]) / system.step_s
+    gravity = (
+        system.gravity[0],
+        system.gravity[1],
+        system.gravity[2] + (rates[step + 1] - rates[step]) / system.step_s,
+    )
     in_reach, touching = _may_touch(around), False
     # Whether fingers may meet is asked of where the last sweep saw them, which costs no motion of its own.
     near = in_reach or (around.fingers_touch and fingers_near(system.bases, system.rod, motion, work.room_of_lines))
@@ -473,7 +554,7 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
         answer, count, touching = _find_velocities(parts, heights, rates, step, midpoint, ahead)
         iterations = max(iterations, count)
         if answer == OK:
-            answer = _move(state, work.start, system.step_s, work.theta, work.turn)
+            answer = _move(state, work.start, system.step_s, system.rod.stretches.shape[1], work.theta, work.turn)
         if answer != OK:
             return answer, iterations
         _look_ahead(state.velocity, work.start, ahead, work.gain, work.ahead)
@@ -490,9 +571,12 @@ def forget(work: Work) -> None:
 
 def _sample() -> Parts:
     """Return parts of the types that all have: of one muscle with one segment and one ball."""
-    rod = Rod(np.ones((1, 2, 1)), np.ones(1), np.ones((1, 1)), np.ones(1), np.ones((1, 2)), np.ones((1, 2)), 1.0, 1.0)
+    one, square, pair, none = np.ones(1), np.ones((1, 1)), np.ones((1, 2)), np.ones((2, 0))
+    rod = Rod(
+        np.ones((1, 2, 1)), np.ones((1, 2, 0)), none, one, none[0], 1.0, square, none[0], one, pair, pair, 1.0, 1.0, 1.0
+    )
     around = Surroundings(-1, np.zeros(3), np.zeros((0, 3)), False, False)
-    system = System(1.0, 1, 0.0, np.zeros((1, 3)), rod, 0.0, 0.0, np.zeros(3), around, np.zeros((5, 7)))
+    system = System(1.0, 1, np.zeros(3), np.zeros((1, 3)), rod, 0.0, 0.0, np.zeros(3), around, np.zeros((5, 7)))
     return assemble(State(np.zeros(2), np.zeros(2), np.zeros(3), np.zeros(4)), system, contact_table(1, 2))
 
 

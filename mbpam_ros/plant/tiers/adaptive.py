@@ -51,6 +51,7 @@ class AdaptiveTier(Tier):
             raise TierError("a number of modes that changes is for a scene with an object")
         self._air, self._contact = air, contact
         self._setup, self._body, self._sub_step_s = setup, setup.body, fidelity.sub_step_s
+        self._gravity_m_s2 = setup.gravity_vector_m_s2
         self._largest_jump_m = 1e-2 * fidelity.largest_jump_pct * setup.geometry.active_length_m
 
     @property
@@ -72,6 +73,15 @@ class AdaptiveTier(Tier):
             look(duration_s, hand_height_m, hand_velocity_m_s)
         self._active.step(actuation, hand_height_m, hand_velocity_m_s)
         self._time_s += duration_s
+
+    @property
+    def has_strain(self) -> bool:
+        return self._contact.has_strain
+
+    def set_gravity(self, gravity_m_s2: Array) -> None:
+        self._gravity_m_s2 = np.array(gravity_m_s2, dtype=float)
+        self._air.set_gravity(gravity_m_s2)
+        self._contact.set_gravity(gravity_m_s2)
 
     def state(self) -> TierState:
         if self.in_contact_tier:
@@ -120,11 +130,11 @@ class AdaptiveTier(Tier):
 
     def _object_rests(self) -> bool:
         body, support_force_n = self._contact.object_state(), self._contact.state().support_force_n
-        weight_n = self._body.mass_kg * self._setup.gravity_m_s2
+        weight_n = self._body.mass_kg * self._gravity_m_s2
         return bool(
             np.linalg.norm(body.velocity_m_s) < _REST_M_S
             and np.linalg.norm(body.angular_velocity_rad_s) < _REST_RAD_S
-            and abs(support_force_n[2] + weight_n) < 0.01 * weight_n
+            and np.linalg.norm(support_force_n + weight_n) < 0.01 * np.linalg.norm(weight_n)
         )
 
     def _object_place(self) -> tuple[Array, Array]:

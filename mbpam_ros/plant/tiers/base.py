@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.design import MuscleGeometry
+from mbpam_ros.actuator.rod_law import StrainLaw
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.geometry.solids import Shape
@@ -76,7 +77,8 @@ class TierSetup:
     Args:
         geometry: of the muscles.
         finger_base_m: clamp points in ``gripper_base``, shape (4, 3), or of fewer muscles.
-        gravity_m_s2: along +z of the world.
+        gravity_m_s2: acceleration of gravity.
+        gravity_direction: unit vector along which it acts, ``gripper_base``; +z where the muscles hang.
         body: the object, or none.
         planes_m: rows (depth, half size x, half size y) of level supports; an endless one has infinite half sizes.
         config: constants of muscles and contacts.
@@ -90,14 +92,28 @@ class TierSetup:
     planes_m: Array
     config: PlantConfig
     fingers_touch: bool = False
+    gravity_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    @property
+    def gravity_vector_m_s2(self) -> Array:
+        """Gravity as a vector, ``gripper_base``, shape (3,)."""
+        vector: Array = self.gravity_m_s2 * np.array(self.gravity_direction)
+        return vector
 
 
 @dataclass(frozen=True)
 class Actuation:
-    """What the air does to the muscles at one instant: M0 (4, 2) [N m] and B (4,) [N m2]."""
+    """What the air does to the muscles at one instant.
+
+    Args:
+        moment_n_m: intrinsic moment M0, shape (4, 2).
+        stiffness_n_m2: bending stiffness B, shape (4,).
+        strain: what it does to stretch and twist; none where the tier has neither.
+    """
 
     moment_n_m: Array
     stiffness_n_m2: Array
+    strain: StrainLaw | None = None
 
 
 @dataclass(frozen=True)
@@ -167,3 +183,16 @@ class Tier(ABC):
     @abstractmethod
     def state(self) -> TierState:
         """Return copies of what was computed."""
+
+    @property
+    def has_strain(self) -> bool:
+        """Whether muscles stretch or twist, so that an actuation has to say how."""
+        return False
+
+    def set_gravity(self, gravity_m_s2: Array) -> None:
+        """Let gravity act as this vector from now on, ``gripper_base``, shape (3,).
+
+        Raises:
+            TierError: it acts otherwise than along +z, and the tier knows no other.
+        """
+        raise TierError("this tier keeps the gravity it was built with: use tier 'arc' or 'rod'")

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.actuator.rod_law import StrainLaw
 from mbpam_ros.plant.tiers.base import (
     CENTRELINE_POINTS,
     Actuation,
@@ -63,7 +64,19 @@ class SomeFingers(Tier):
                 f"the chambers of finger {finger} are filled, and it is not among the scene's moving_fingers = "
                 f"{', '.join(map(str, self._moving + 1))}: add it there"
             )
-        return Actuation(actuation.moment_n_m[self._moving], actuation.stiffness_n_m2[self._moving])
+        strain = actuation.strain
+        return Actuation(
+            actuation.moment_n_m[self._moving],
+            actuation.stiffness_n_m2[self._moving],
+            None if strain is None else StrainLaw(*(values[self._moving] for values in strain)),
+        )
+
+    @property
+    def has_strain(self) -> bool:
+        return self._inner.has_strain
+
+    def set_gravity(self, gravity_m_s2: Array) -> None:
+        self._inner.set_gravity(gravity_m_s2)
 
     def _among_all(self, values: Array, still: Array | float) -> Array:
         """Return the values of all muscles, (4, ...), from those of the moving ones."""
@@ -92,3 +105,10 @@ class NoContact(Tier):
 
     def state(self) -> TierState:
         return dataclasses.replace(self._inner.state(), body=self._body)
+
+    @property
+    def has_strain(self) -> bool:
+        return self._inner.has_strain
+
+    def set_gravity(self, gravity_m_s2: Array) -> None:
+        self._inner.set_gravity(gravity_m_s2)

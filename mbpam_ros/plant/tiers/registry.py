@@ -30,6 +30,8 @@ def build_tier(setup: TierSetup, fidelity: Fidelity) -> Tier:
         raise TierError(f"no tier {name!r}; known: {', '.join(_NAMES)}")
     if fidelity.modes != 1 and name != "rod":
         raise TierError(f"tier {name!r} takes no modes, found {fidelity.modes}: use tier 'rod', or leave modes out")
+    if fidelity.twist_modes + fidelity.stretch_modes > 0 and name != "rod":
+        raise TierError(f"tier {name!r} neither twists nor stretches: use tier 'rod', or leave strains at [bend]")
     if fidelity.air_modes is not None and (name != "rod" or setup.body is None):
         raise TierError(f"air_modes are for the tier 'rod' with an object, found tier {name!r}: leave them out")
     if not fidelity.contact:

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from mbpam_ros.actuator.rod_law import StrainLaw
 from mbpam_ros.geometry.solids import principal_inertia
 from mbpam_ros.geometry.surfaces import SHAPE_CODES
 from mbpam_ros.plant.fidelity import Fidelity
@@ -18,7 +19,7 @@ from mbpam_ros.plant.mechanics.composition import Composition
 from mbpam_ros.plant.mechanics.contact_config import ContactKind, law_table
 from mbpam_ros.plant.mechanics.contact_law import contact_table
 from mbpam_ros.plant.mechanics.contact_search import BALLS, Surroundings, contact_limit
-from mbpam_ros.plant.mechanics.rod import Motion, build_rod, position_weights
+from mbpam_ros.plant.mechanics.rod import LARGEST_STRETCH, Motion, build_rod, coordinates_of, position_weights
 from mbpam_ros.plant.mechanics.step import (
     LARGEST_BEND_RAD,
     NOT_FINITE,
@@ -26,6 +27,8 @@ from mbpam_ros.plant.mechanics.step import (
     OK,
     TOO_BENT,
     TOO_FAST,
+    TOO_LONG,
+    Drive,
     State,
     System,
     advance,
@@ -57,6 +60,7 @@ _REASONS = {
     NOT_FINITE: "a velocity is no longer finite",
     TOO_FAST: "something moves faster than 5000 rad/s or 50 m/s",
     TOO_BENT: f"a bend is beyond {np.degrees(LARGEST_BEND_RAD):.0f} deg",
+    TOO_LONG: f"a muscle is longer or shorter by more than {LARGEST_STRETCH:.0%}",
     NOT_SOLVED: "the contact equations were not solved",
 }
 _REMEDY = "use a smaller sub_step_s, a smaller contact stiffness, or a larger retardation_time_s or damping."
@@ -73,11 +77,18 @@ class RodTier(Tier):
         self._setup, self._fidelity, modes = setup, fidelity, fidelity.modes
         if not 1 <= modes <= MOST_MODES:
             raise TierError(f"tier 'rod' has 1 to {MOST_MODES} modes a plane, found modes = {modes}")
+        twist_modes, stretch_modes = fidelity.twist_modes, fidelity.stretch_modes
+        if max(twist_modes, stretch_modes) > MOST_MODES:
+            raise TierError(
+                f"tier 'rod' has up to {MOST_MODES} modes of a strain, found twist_modes = {twist_modes}, "
+                f"stretch_modes = {stretch_modes}"
+            )
         config, body = setup.config, setup.body
         planes = np.ascontiguousarray(setup.planes_m, dtype=float)
         # A table out of reach of a muscle that hangs straight is out of reach of all.
         table_in_reach = bool(len(planes) and planes[-1, 0] < setup.geometry.length_m)
         segments = max(_FEWEST_SEGMENTS, modes + 2)
+        stretching = stretch_modes > 0
         kinds = {
             ContactKind.FINGER_OBJECT: config.finger_object,
             ContactKind.OBJECT_SUPPORT: config.object_support,
@@ -92,9 +103,9 @@ class RodTier(Tier):
         system = System(
             step_s=fidelity.sub_step_s,
             sweeps=2 if config.retardation_time_s >= _DAMPED_S else _UNDAMPED_SWEEPS,
-            gravity=setup.gravity_m_s2,
+            gravity=setup.gravity_vector_m_s2,
             bases=np.ascontiguousarray(setup.finger_base_m),
-            rod=build_rod(setup.geometry, modes, segments, BALLS),
+            rod=build_rod(setup.geometry, modes, segments, BALLS, twist_modes, stretch_modes),
             retardation=config.retardation_time_s,
             mass=mass,
             inertia=inertia,
@@ -102,21 +113,23 @@ class RodTier(Tier):
             laws=law_table(kinds),
         )
         self._fingers = len(setup.finger_base_m)
-        self._coordinates = self._fingers * 2 * modes
+        columns = coordinates_of(system.rod)
+        self._coordinates = self._fingers * columns
         rates = self._coordinates + (0 if body is None else 6)
         self._memory = np.zeros(self._coordinates + rates + 7)
         state = State(*np.split(self._memory, np.cumsum([self._coordinates, rates, 3])))
         most = contact_limit(self._fingers, len(planes), setup.fingers_touch)
-        self._parts = assemble(state, system, contact_table(most, 2 * modes))
+        self._parts = assemble(state, system, contact_table(most, columns))
         drive = self._parts.drive
-        self._start = Actuation(drive.moments[0], drive.stiffnesses[0])
-        self._now = Actuation(drive.moments[1], drive.stiffnesses[1])
+        self._start, self._now = (_acting(Drive(*(part[end] for part in drive))) for end in (0, 1))
         damped = config.retardation_time_s > 0.0
         self._advance = partial(advance, bind(self._parts)) if damped else Composition(self._parts).advance
         along = np.linspace(0.0, setup.geometry.length_m, CENTRELINE_POINTS)
-        self._line_weights = position_weights(setup.geometry, segments, along)
+        self._line_weights = position_weights(setup.geometry, segments, along, stretching)
 
     def reset(self, actuation: Actuation) -> None:
+        if self.has_strain and actuation.strain is None:
+            raise TierError("muscles that stretch or twist need an actuation that says how: give it a strain law")
         body, state = self._setup.body, self._parts.state
         self._memory[:] = 0.0
         _write(self._now, actuation)
@@ -153,18 +166,34 @@ class RodTier(Tier):
         """Modes of curvature a plane."""
         return self._fidelity.modes
 
+    @property
+    def has_strain(self) -> bool:
+        return self._fidelity.twist_modes + self._fidelity.stretch_modes > 0
+
+    def set_gravity(self, gravity_m_s2: Array) -> None:
+        self._parts.system.gravity[:] = gravity_m_s2
+        self._begin()
+
     def take_over(self, other: RodTier) -> None:
         """Go on with the muscles of another tier, and what acts on them: modes it does not have are zero, more dropped.
 
         The object stays as it is here.
         """
         _write(self._now, other._now)
-        common = 2 * min(self.modes, other.modes)
         for own, theirs in zip(self._parts.state[:2], other._parts.state[:2], strict=True):
             own[: self._coordinates] = 0.0
-            rows = own[: self._coordinates].reshape(self._fingers, -1)
-            rows[:, :common] = theirs[: other._coordinates].reshape(self._fingers, -1)[:, :common]
+            rows, there = (
+                tier.by_strain(values[: tier._coordinates]) for tier, values in ((self, own), (other, theirs))
+            )
+            for strain, values in zip(rows, there, strict=True):
+                common = min(strain.shape[1], values.shape[1])
+                strain[:, :common] = values[:, :common]
         self._begin()
+
+    def by_strain(self, values: Array) -> list[Array]:
+        """Return what there is for each coordinate of the muscles as views, shapes (4, 2 m), (4, m_c), (4, m_e)."""
+        bends = 2 * self.modes
+        return np.split(values.reshape(self._fingers, -1), [bends, bends + self._fidelity.twist_modes], axis=1)
 
     def largest_rate_rad_s(self) -> float:
         """Return the largest sum of a muscle's rates, which no section of it exceeds in turning."""
@@ -223,10 +252,19 @@ class RodTier(Tier):
         return self._parts.motion
 
 
+def _acting(end: Drive) -> Actuation:
+    """Return one end of a drive as an actuation whose arrays are the drive's."""
+    strain = StrainLaw(end.free_stretches, end.couplings, end.axials, end.torsions)
+    return Actuation(end.moments, end.stiffnesses, strain)
+
+
 def _write(there: Actuation, actuation: Actuation) -> None:
     """Copy the values; in this way it takes half as long as to assign to slices or rows."""
     there.moment_n_m[...] = actuation.moment_n_m
     there.stiffness_n_m2[...] = actuation.stiffness_n_m2
+    if actuation.strain is not None and there.strain is not None:
+        for own, values in zip(there.strain, actuation.strain, strict=True):
+            own[...] = values
 
 
 def tip_bend(tangent: Array, rate: Array, added_up_rad: Array) -> tuple[Array, Array]:

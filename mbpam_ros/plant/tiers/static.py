@@ -19,12 +19,14 @@ class StaticTier(Tier):
     is neglected (second order in the step). The motion of the hand has no influence.
 
     Raises:
-        TierError: the setup holds an object.
+        TierError: the setup holds an object, or gravity does not act along +z.
     """
 
     def __init__(self, setup: TierSetup, fidelity: Fidelity) -> None:
         if setup.body is not None:
             raise TierError("tier 'static' cannot move an object: use tier 'arc' or 'rod', or no object")
+        if setup.gravity_m_s2 and not np.allclose(setup.gravity_direction, (0.0, 0.0, 1.0)):
+            raise TierError("tier 'static' knows hanging muscles only: use tier 'arc' or 'rod', or gravity along +z")
         self._setup, self._sub_step_s = setup, fidelity.sub_step_s
 
     def reset(self, actuation: Actuation) -> None:

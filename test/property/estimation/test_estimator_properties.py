@@ -1,8 +1,14 @@
+import dataclasses
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mbpam_ros.actuator.calibration import Calibration, calibrate
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT
+from mbpam_ros.actuator.elastic_rod import STRAINS, RodLoads, rod_at_rest, rod_section
+from mbpam_ros.actuator.metamodel import load_metamodel
+from mbpam_ros.actuator.rod_law import StrainLaw
 from mbpam_ros.configuration import load_config
 from mbpam_ros.estimation.estimator import BendEstimator, EstimatorConfig
 from mbpam_ros.gripper import load_gripper
@@ -84,3 +90,42 @@ def test_fingers_do_not_influence_each_other(pressure):
     np.testing.assert_allclose(
         np.roll(estimate.bend_rad, 1, axis=0), new_estimator().update(0.0, moved).bend_rad, atol=1e-9
     )
+
+
+def stretching_calibration():
+    """The gripper's, with a stretch and stiffnesses of the size that the finite elements have."""
+    found = calibrate(GRIPPER.design, GRIPPER.geometry, GRIPPER.metamodel, GRIPPER.target)
+    rise = np.minimum(found.law.pressure_gauge_pa / 1e5, 1.2) ** 3
+    strains = {
+        f"{pattern}_strains": StrainLaw(
+            size * 0.16 * rise, -size * 1.5e-3 * rise, 30.0 - 5.0 * rise, 9e-4 + 1e-4 * rise
+        )
+        for pattern, size in (("psc", 0.5), ("pdc", 1.0))
+    }
+    return Calibration(dataclasses.replace(found.law, **strains), found.tip_force)
+
+
+CALIBRATION = stretching_calibration()
+POSTURES = (
+    st.tuples(*[st.floats(-1.0, 1.0)] * 3)
+    .filter(lambda vector: np.linalg.norm(vector) > 0.1)
+    .map(lambda vector: 9.81 * np.array(vector) / np.linalg.norm(vector))
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(READINGS, POSTURES)
+def test_at_rest_the_tips_are_those_of_the_full_rod_at_any_pressure_and_tilt(pressure, gravity):
+    estimator = BendEstimator(
+        CALIBRATION,
+        GRIPPER.geometry,
+        GRIPPER.finger_base_m,
+        load_metamodel(GRIPPER.metamodel).predict(GRIPPER.design),
+        dataclasses.replace(CONFIG, strains=STRAINS),
+    )
+    tips, _ = estimator.tips(estimator.update(0.0, pressure, gravity))
+    for tip, base, of_finger in zip(tips, GRIPPER.finger_base_m, pressure.reshape(4, 4), strict=True):
+        rod = rod_at_rest(
+            rod_section(CALIBRATION.law, of_finger), GRIPPER.geometry, RodLoads(gravity_m_s2=tuple(gravity.tolist()))
+        )
+        assert np.linalg.norm(tip - base - rod.tip_position_m) < 1e-5

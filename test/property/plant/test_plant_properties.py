@@ -16,7 +16,7 @@ from mbpam_ros.plant.mechanics.contact_solver import (
     solve_contacts,
     solve_in_place,
 )
-from mbpam_ros.plant.mechanics.rod import build_rod, masses_and_loads, motion_at_rest, move_rods
+from mbpam_ros.plant.mechanics.rod import build_rod, masses_and_loads, motion_at_rest, move_rods, room_for_loads
 
 MODES = 2
 ROD = build_rod(load_gripper().geometry, MODES, 4, 2)
@@ -45,9 +45,9 @@ def test_outside_a_solid_going_the_distance_against_the_gradient_ends_on_its_sur
 
 
 def mechanics(shape, rate):
-    motion, mass, load = motion_at_rest(1, MODES, 4), np.empty((1, 2 * MODES, 2 * MODES)), np.empty((1, 2 * MODES))
+    motion, mass, load = motion_at_rest(ROD, 1), np.empty((1, 2 * MODES, 2 * MODES)), np.empty((1, 2 * MODES))
     move_rods.py_func(shape[None], rate[None], ROD, motion)  # not compiled: the helpers alone would have to be
-    masses_and_loads.py_func(ROD, motion, 9.81, np.empty((MODES + 1, 24)), mass, load)
+    masses_and_loads.py_func(ROD, motion, (0.0, 0.0, 9.81), room_for_loads(ROD), mass, load)
     return mass[0], load[0]
 
 

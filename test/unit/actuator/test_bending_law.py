@@ -13,7 +13,7 @@ BOTH_PATTERNS = pytest.mark.parametrize("pattern", ["pdc", "psc"])
 
 def changed(law, **fields):
     names = ("pressure_gauge_pa", "curvature_per_m", "moment_n_m", "axis_stretch")
-    return CellLaw(**{name: fields.get(name, getattr(law, name)) for name in names})
+    return CellLaw(**{**{name: getattr(law, name) for name in names}, **fields})
 
 
 @BOTH_PATTERNS
@@ -71,6 +71,32 @@ def test_samples_that_make_no_law_are_refused(field, change, message):
     law = LAWS["pdc"]
     with pytest.raises(ValueError, match=message):
         changed(law, **{field: change(getattr(law, field))})
+
+
+def test_axial_and_torsional_stiffness_are_read_from_the_file_and_taken_at_the_free_bend(tmp_path, monkeypatch):
+    content = json.loads(config_path(LAW_FILE).read_text(encoding="utf-8"))
+    for row in content["tables"]:
+        bend = np.array(row["bend_deg"])
+        row["axial_stiffness_n"] = (30.0 + 0.01 * bend).tolist()
+        row["torsion_stiffness_n_mm2"] = (1000.0 - bend).tolist()
+    (tmp_path / "data").mkdir()
+    (tmp_path / "gripper.yaml").write_text("")
+    (tmp_path / LAW_FILE).write_text(json.dumps(content))
+    monkeypatch.setenv(DIRECTORY_VARIABLE, str(tmp_path))
+    for pattern, law in stored_cell_laws.__wrapped__().items():
+        free_deg = np.degrees(0.1 * LAWS[pattern].free_curvature_per_m)
+        np.testing.assert_allclose(law.free_stiffness("axial_stiffness_n"), 30.0 + 0.01 * free_deg)
+        np.testing.assert_allclose(law.free_stiffness("torsion_stiffness_n_m2"), 1e-6 * (1000.0 - free_deg))
+
+
+@pytest.mark.parametrize("name", ["axial_stiffness_n", "torsion_stiffness_n_m2"])
+def test_stiffnesses_that_make_no_law_are_refused(name):
+    samples = np.ones_like(LAWS["pdc"].moment_n_m)
+    for bad in (samples[1:], 0.0 * samples):
+        with pytest.raises(ValueError, match=f"{name} must have one positive value"):
+            changed(LAWS["pdc"], **{name: bad})
+    with pytest.raises(ValueError, match="'shear'"):
+        LAWS["pdc"].free_stiffness("shear")
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,8 @@ from mbpam_ros.actuator.equilibrium import (
     gravity_gradient_n_m,
     gravity_stiffness_n_m,
     hanging_bend,
+    holding_moment_n_m,
+    resting_bend,
 )
 from mbpam_ros.actuator.kinematics import centreline
 from mbpam_ros.gripper import load_gripper
@@ -99,3 +101,42 @@ def test_nan_stays_with_its_muscle():
     bend = hanging_bend([[math.nan, 0.0], [0.02, 0.01]], [1.5e-3, 1.5e-3], GEOMETRY)
     assert np.isnan(bend[0]).all()
     np.testing.assert_array_equal(bend[1], hanging_bend([0.02, 0.01], 1.5e-3, GEOMETRY))
+
+
+def energy_j(bend, gravity):
+    """Weight times the centre line's place, by quadrature."""
+    along = (np.arange(4000) + 0.5) * GEOMETRY.length_m / 4000
+    mean = centreline(bend, GEOMETRY, along).mean(axis=0)
+    return -GEOMETRY.mass_per_length_kg_m * GEOMETRY.length_m * float(mean @ gravity)
+
+
+def test_the_moment_that_holds_a_bend_in_any_posture_is_the_slope_of_its_energy():
+    stiffness, step = 1.5e-3, 1e-5
+    for gravity in np.array([[9.81, 0.0, 0.0], [3.0, -5.0, 7.0], [2.0, 6.0, -7.0]]):
+        for bend in np.array([[0.0, 0.0], [2e-4, -1e-4], [0.5, -0.8], [-2.0, 1.5], [3.0, 4.0]]):
+            slope = [
+                (energy_j(bend + e, gravity) - energy_j(bend - e, gravity)) / (2.0 * step) for e in step * np.eye(2)
+            ]
+            expected = stiffness / GEOMETRY.active_length_m * bend + slope
+            held = holding_moment_n_m(bend[None], np.array([stiffness]), GEOMETRY, gravity)[0]
+            np.testing.assert_allclose(held, expected, atol=2e-8)
+
+
+def test_the_bend_at_rest_in_any_posture_is_what_its_moment_holds():
+    rng = np.random.default_rng(5)
+    moment, stiffness = rng.normal(0.0, 0.03, (60, 2)), rng.uniform(0.6e-3, 4e-3, 60)
+    for gravity in (*np.eye(3), *-np.eye(3), *rng.normal(size=(20, 3))):
+        gravity = GRAVITY_M_S2 * gravity / np.linalg.norm(gravity)
+        bend = resting_bend(moment, stiffness, GEOMETRY, gravity)
+        np.testing.assert_allclose(holding_moment_n_m(bend, stiffness, GEOMETRY, gravity), moment, atol=1e-10)
+    shaped = resting_bend(moment.reshape(3, 20, 2), stiffness.reshape(3, 20), GEOMETRY, gravity)
+    np.testing.assert_array_equal(shaped.reshape(60, 2), bend)
+
+
+def test_a_level_muscle_sags_and_gravity_along_it_is_the_hanging_case():
+    sagging = resting_bend(np.zeros((1, 2)), np.array([1.2e-3]), GEOMETRY, [0.0, GRAVITY_M_S2, 0.0])[0]
+    assert sagging[0] == 0.0 and sagging[1] > 0.1
+    moment, stiffness = np.array([[0.02, 0.01], [np.nan, 0.0]]), np.full(2, 1.5e-3)
+    hanging = resting_bend(moment, stiffness, GEOMETRY, [0.0, 0.0, GRAVITY_M_S2])
+    np.testing.assert_array_equal(hanging, hanging_bend(moment, stiffness, GEOMETRY))
+    assert np.isnan(resting_bend(moment, stiffness, GEOMETRY, [1.0, 0.0, 9.0])[1]).all()

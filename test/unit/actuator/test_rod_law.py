@@ -7,17 +7,27 @@ from mbpam_ros.actuator.bending_law import stored_cell_laws
 from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.chambers import pressurised_chambers
 from mbpam_ros.actuator.equilibrium import hanging_bend
-from mbpam_ros.actuator.rod_law import PatternFactors, RodLaw, finite_element_rod_law
+from mbpam_ros.actuator.rod_law import (
+    PatternFactors,
+    RodLaw,
+    StrainLaw,
+    StrainLawError,
+    finite_element_rod_law,
+)
 from mbpam_ros.gripper import load_gripper
 
 GRIPPER = load_gripper()
 LAW = calibrated_rod_law(GRIPPER.design, GRIPPER.geometry)
 
 
-def table_law(psc_stiffness, pdc_stiffness, moment=(0.0, 1.0)):
+def table_law(psc_stiffness, pdc_stiffness, moment=(0.0, 1.0), **strains):
     grid = np.array([0.0, 1e5])
     moments = np.array(moment)
-    return RodLaw(grid, moments, moments, np.array(psc_stiffness), np.array(pdc_stiffness))
+    return RodLaw(grid, moments, moments, np.array(psc_stiffness), np.array(pdc_stiffness), **strains)
+
+
+def strains(stretch=(0.0, 0.1), slope=(0.0, -1e-3), axial=(30.0, 20.0), torsion=(1e-3, 2e-3)):
+    return StrainLaw(*(np.array(values) for values in (stretch, slope, axial, torsion)))
 
 
 @pytest.mark.parametrize("azimuth_deg", range(0, 360, 45))
@@ -140,3 +150,62 @@ def test_a_law_with_a_moment_without_pressure_is_refused():
 def test_a_grid_that_does_not_rise_from_zero_is_refused():
     with pytest.raises(ValueError, match="rise from 0"):
         RodLaw(np.array([1.0, 2.0]), np.zeros(2), np.zeros(2), np.ones(2), np.ones(2))
+
+
+PSC_STRAINS, PDC_STRAINS = strains(), strains((0.0, 0.25), (0.0, -2e-3), (30.0, 12.0), (1e-3, 3e-3))
+STRETCHING = table_law([1.0, 2.0], [1.0, 2.5], psc_strains=PSC_STRAINS, pdc_strains=PDC_STRAINS)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "chambers", "direction"),
+    [(PSC_STRAINS, [0, 1, 0, 0], [math.sqrt(0.5), -math.sqrt(0.5)]), (PDC_STRAINS, [1, 0, 0, 1], [-1.0, 0.0])],
+    ids=["psc", "pdc"],
+)
+def test_stretch_and_twist_of_psc_and_pdc_come_back_exactly(pattern, chambers, direction):
+    for pressure, index in ((0.0, 0), (1e5, 1)):
+        found = STRETCHING.strain_law(pressure * np.array(chambers))
+        assert found.free_stretch == pytest.approx(pattern.free_stretch[index], rel=1e-12)
+        slope = pattern.stretch_per_curvature_m[index] * np.array(direction)
+        np.testing.assert_allclose(found.stretch_per_curvature_m, slope, atol=1e-15)
+        assert found.axial_stiffness_n == pytest.approx(pattern.axial_stiffness_n[index], rel=1e-12)
+        assert found.torsion_stiffness_n_m2 == pytest.approx(pattern.torsion_stiffness_n_m2[index], rel=1e-12)
+
+
+def test_scaling_multiplies_axial_and_torsional_stiffness_as_the_bending_stiffness_and_leaves_the_free_stretch():
+    scaled = STRETCHING.scaled(psc=PatternFactors(1.2, 0.9), pdc=PatternFactors(0.9, 0.8))
+    for pattern in ("psc", "pdc"):
+        before, after = (getattr(law, f"{pattern}_strains") for law in (STRETCHING, scaled))
+        ratio = np.divide(*(getattr(law, f"{pattern}_stiffness_n_m2") for law in (scaled, STRETCHING)))
+        assert ratio == pytest.approx([0.8, {"psc": 0.9, "pdc": 0.8}[pattern]])
+        np.testing.assert_allclose(after.axial_stiffness_n, ratio * before.axial_stiffness_n)
+        np.testing.assert_allclose(after.torsion_stiffness_n_m2, ratio * before.torsion_stiffness_n_m2)
+        np.testing.assert_array_equal(after.free_stretch, before.free_stretch)
+        np.testing.assert_array_equal(after.stretch_per_curvature_m, before.stretch_per_curvature_m)
+
+
+def test_a_law_that_says_nothing_of_stretch_and_twist_says_so():
+    with pytest.raises(StrainLawError, match="mbpam fe law"):
+        table_law([1.0, 2.0], [1.0, 2.0]).strain_law(np.zeros(4))
+
+
+def test_stretch_and_twist_of_a_missing_reading_are_unknown_and_of_other_than_four_chambers_refused():
+    found = STRETCHING.strain_law([[1e5, math.nan, 0, 0], [1e5, 0, 0, 0]])
+    assert all(np.isnan(values[0]).all() and np.isfinite(values[1]).all() for values in found)
+    with pytest.raises(ValueError, match="four chambers"):
+        STRETCHING.strain_law(np.zeros((4, 3)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"stretch": (0.1, 0.1)}, "must be 0 without pressure"),
+        ({"slope": (0.1, 0.1)}, "must be 0 without pressure"),
+        ({"axial": (30.0, 0.0)}, "must be positive"),
+        ({"torsion": (1e-3, -1e-3)}, "must be positive"),
+        ({"axial": (31.0, 20.0)}, "must have one axial"),
+        ({"torsion": (2e-3, 2e-3)}, "must have one axial"),
+    ],
+)
+def test_a_law_of_stretch_and_twist_that_cannot_be_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        table_law([1.0, 2.0], [1.0, 2.0], psc_strains=strains(**change), pdc_strains=PDC_STRAINS)

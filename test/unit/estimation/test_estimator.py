@@ -6,8 +6,8 @@ import pytest
 
 from mbpam_ros.actuator.calibration import calibrate, calibrated_rod_law, calibration_targets
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, pressurised_chambers
-from mbpam_ros.actuator.equilibrium import hanging_bend
-from mbpam_ros.actuator.kinematics import tip_pose
+from mbpam_ros.actuator.elastic_rod import RodLoads, rod_at_rest, rod_section
+from mbpam_ros.actuator.equilibrium import hanging_bend, resting_bend
 from mbpam_ros.actuator.metamodel import load_metamodel
 from mbpam_ros.configuration import ConfigError, load_config, parse_config
 from mbpam_ros.estimation.estimator import BendEstimator, EstimatorConfig
@@ -35,7 +35,12 @@ def rest(pressure_gauge_pa):
 
 
 def fields(estimate):
-    return {field.name: getattr(estimate, field.name) for field in dataclasses.fields(estimate)}
+    """What an estimate says of each finger."""
+    return {
+        field.name: getattr(estimate, field.name)
+        for field in dataclasses.fields(estimate)
+        if field.name != "gravity_m_s2"
+    }
 
 
 def test_the_first_reading_finds_the_fingers_at_rest(estimator):
@@ -53,7 +58,7 @@ def test_every_finger_bends_in_the_direction_of_its_chambers(estimator, azimuth_
     size = np.hypot(*estimate.bend_rad.T)
     np.testing.assert_allclose(estimate.bend_rad, size[:, None] * direction, atol=1e-12)
     assert (size > math.radians(90.0)).all()
-    moved = (estimator.tips(estimate.bend_rad)[0] - GRIPPER.finger_base_m)[:, :2]
+    moved = (estimator.tips(estimate)[0] - GRIPPER.finger_base_m)[:, :2]
     assert (moved @ direction > 0.0).all()
 
 
@@ -79,20 +84,54 @@ def test_a_steady_ramp_is_followed_one_time_constant_late():
     np.testing.assert_allclose(estimate.bend_rate_rad_s, rate, rtol=1e-3)
 
 
-def test_the_tip_is_that_of_the_bend_standing_at_its_base(estimator):
-    estimate = estimator.update(0.0, np.linspace(0.0, 9e4, CHANNEL_COUNT))
-    position, orientation = tip_pose(estimate.bend_rad, GRIPPER.geometry)
-    tip_position, tip_orientation = estimator.tips(estimate.bend_rad)
-    np.testing.assert_allclose(tip_position, position + GRIPPER.finger_base_m, atol=1e-15)
-    np.testing.assert_array_equal(tip_orientation, orientation)
+LEVEL = (9.81, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, 9.81), (0.0, 0.0, -9.81), LEVEL, (3.0, -6.0, 7.0)])
+def test_at_rest_the_tip_is_the_full_rods_standing_at_its_base(estimator, gravity):
+    pressure = np.linspace(0.0, 9e4, CHANNEL_COUNT)
+    position, orientation = estimator.tips(estimator.update(0.0, pressure, gravity))
+    law = calibrated_rod_law(GRIPPER.design, GRIPPER.geometry, GRIPPER.metamodel, GRIPPER.target)
+    for finger in range(4):
+        section = rod_section(law, pressure.reshape(4, 4)[finger], CONFIG.strains)
+        rod = rod_at_rest(section, GRIPPER.geometry, RodLoads(gravity_m_s2=gravity))
+        np.testing.assert_allclose(position[finger], GRIPPER.finger_base_m[finger] + rod.tip_position_m, atol=1e-7)
+        assert abs(orientation[finger] @ rod.tip_orientation_xyzw) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_gravity_moves_the_equilibrium_and_a_bad_one_is_refused(estimator):
+    pressure = all_fingers([1, 0, 0, 0], 6e4)
+    level = estimator.update(0.0, pressure, LEVEL)
+    law = calibrated_rod_law(GRIPPER.design, GRIPPER.geometry, GRIPPER.metamodel, GRIPPER.target)
+    expected = resting_bend(*law.moment_and_stiffness(pressure.reshape(4, 4)), GRIPPER.geometry, LEVEL)
+    np.testing.assert_allclose(level.bend_rad, expected, atol=1e-12)
+    assert (level.bend_rad[:, 0] - rest(pressure)[:, 0] > 0.05).all()
+    for bad in ((0.0, 9.81), (0.0, 0.0, math.nan)):
+        with pytest.raises(ValueError, match="gravity_m_s2"):
+            estimator.update(0.01, pressure, bad)
+
+
+def test_a_finger_on_its_way_has_the_tip_of_the_rod_that_its_bend_is_held_at(estimator):
+    """Half way between two rests, and continuous up to the second one."""
+    start, end = all_fingers([1, 0, 0, 0], 3e4), all_fingers([1, 0, 0, 0], 9e4)
+    tips = [estimator.tips(estimator.update(0.0, start))[0]]
+    for index in range(400):
+        tips.append(estimator.tips(estimator.update(0.001 * index, end))[0])
+    moved = np.linalg.norm(np.diff(tips, axis=0), axis=2)
+    assert moved[1:].max() < 0.002
+    np.testing.assert_allclose(tips[-1], BendEstimator.for_gripper(GRIPPER, CONFIG).tips(rest_of(end))[0], atol=1e-4)
+
+
+def rest_of(pressure_gauge_pa):
+    return BendEstimator.for_gripper(GRIPPER, CONFIG).update(0.0, pressure_gauge_pa)
 
 
 def test_centrelines_run_from_the_clamps_to_the_tips(estimator):
     estimate = estimator.update(0.0, np.linspace(0.0, 9e4, CHANNEL_COUNT))
-    lines = estimator.centrelines(estimate.bend_rad)
+    lines = estimator.centrelines(estimate)
     assert lines.shape == (4, CONFIG.centreline_points, 3)
     np.testing.assert_allclose(lines[:, 0], GRIPPER.finger_base_m, atol=1e-15)
-    np.testing.assert_allclose(lines[:, -1], estimator.tips(estimate.bend_rad)[0], atol=1e-15)
+    np.testing.assert_allclose(lines[:, -1], estimator.tips(estimate)[0], atol=1e-15)
 
 
 @pytest.mark.parametrize(("pattern", "chambers"), [("pdc", [1, 1, 0, 0]), ("psc", [1, 0, 0, 0])])
@@ -208,10 +247,12 @@ def test_bases_of_other_than_four_fingers_are_refused():
         ({"bend_time_constant_s": -0.05}, "greater than 0"),
         ({"bend_time_constant_s": math.nan}, "finite"),
         ({"centreline_points": 1}, "at least 2"),
+        ({"strains": ["stretch"]}, "bend always"),
+        ({"strains": ["bend", "shear"]}, "'shear' is not one of bend, stretch, twist"),
         ({"lag_s": 0.05}, "unknown key lag_s"),
     ],
 )
 def test_a_configuration_that_cannot_be_used_is_refused(change, message):
-    good = {"bend_time_constant_s": 0.05, "centreline_points": 14}
+    good = {"bend_time_constant_s": 0.05, "centreline_points": 14, "strains": ["bend"]}
     with pytest.raises(ConfigError, match=message):
         parse_config(EstimatorConfig, {**good, **change}, "estimator.yaml")

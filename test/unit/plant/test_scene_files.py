@@ -12,6 +12,7 @@ from mbpam_ros.configuration import ConfigError, config_path, load_yaml
 from mbpam_ros.geometry.solids import half_height
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import Fidelity, FidelityRequest
+from mbpam_ros.plant.planner import choose_fidelity
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import Scene, SupportConfig, load_objects, load_scene, scene_names
 
@@ -67,11 +68,26 @@ def test_an_unknown_scene_lists_the_known_ones():
         ({"sub_step_s": float("nan")}, "finite"),
         ({"support": {"depth_m": 0.1, "half_size_m": [0.01, 0.01]}}, "give both"),
         ({"friction_coefficient": -0.1}, "friction_coefficient"),
+        ({"strains": ["stretch"]}, "bend and any of twist, stretch"),
+        ({"strains": ["bend", "shear"]}, "bend and any of twist, stretch"),
+        ({"gravity_direction": [0.0, 0.0, 0.0]}, "must point somewhere"),
     ],
 )
 def test_a_wrong_scene_file_is_refused_with_the_reason(tmp_path, values, message):
     with pytest.raises(ConfigError, match=message):
         load_scene(changed(tmp_path, **values))
+
+
+def test_a_scene_says_which_strains_its_muscles_have_and_where_gravity_pulls(tmp_path):
+    path = changed(tmp_path, tier="rod", strains=["bend", "stretch"], gravity_direction=[0.0, 3.0, 4.0])
+    scene, request = load_scene(path)
+    fidelity = choose_fidelity(scene, request, load_gripper().geometry.length_m)
+    assert (fidelity.twist_modes, fidelity.stretch_modes) == (0, 2)
+    np.testing.assert_allclose(scene.gravity_direction, [0.0, 0.6, 0.8])
+    scene, request = load_scene("bulb")
+    fidelity = choose_fidelity(scene, request, load_gripper().geometry.length_m)
+    assert (fidelity.twist_modes, fidelity.stretch_modes) == (0, 0)
+    assert scene.gravity_direction == (0.0, 0.0, 1.0)
 
 
 def test_an_object_inside_its_support_is_refused_with_the_depth_that_would_do(tmp_path):

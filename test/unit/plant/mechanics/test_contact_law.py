@@ -35,7 +35,7 @@ def touches(bend, shape, half, centre, planes=NO_PLANES):
     around = Surroundings(shape, np.array(half), planes, bool(len(planes)))
     bases = np.array([BASE, *np.full((3, 3), -9.0)])
     laws = np.array([CONFIG.law()] * 5)
-    system = System(1e-12, 2, 9.81, bases, ROD, 0.02, 1.0, np.ones(3), around, laws)
+    system = System(1e-12, 2, np.array([0.0, 0.0, 9.81]), bases, ROD, 0.02, 1.0, np.ones(3), around, laws)
     state = State(
         np.array([*bend, *np.zeros(6)]), np.zeros(8 if shape < 0 else 14), np.array(centre), np.array([0.0, 0, 0, 1])
     )

@@ -10,7 +10,15 @@ from numba.core.errors import TypingError
 
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.mechanics.packed_arguments import NEWEST_NUMBA, OLDEST_NUMBA, access, new_block, packs
-from mbpam_ros.plant.mechanics.rod import Motion, Rod, build_rod, masses_and_loads, motion_at_rest, move_rods
+from mbpam_ros.plant.mechanics.rod import (
+    Motion,
+    Rod,
+    build_rod,
+    masses_and_loads,
+    motion_at_rest,
+    move_rods,
+    room_for_loads,
+)
 
 
 class Inner(NamedTuple):
@@ -83,8 +91,9 @@ class Muscle(NamedTuple):
 
 def muscle():
     shape = np.array([[0.5, -1.0, 0.2, 0.3], [1.5, 0.1, -0.4, 0.2]])
-    rod, motion = build_rod(load_gripper().geometry, 2, 4, 2), motion_at_rest(2, 2, 4)
-    return Muscle(shape, 3.0 * shape, rod, motion, np.zeros((3, 24)), np.zeros((2, 4, 4)), np.zeros((2, 4)))
+    rod = build_rod(load_gripper().geometry, 2, 4, 2)
+    motion = motion_at_rest(rod, 2)
+    return Muscle(shape, 3.0 * shape, rod, motion, room_for_loads(rod), np.zeros((2, 4, 4)), np.zeros((2, 4)))
 
 
 def moved(packed):
@@ -99,7 +108,7 @@ def moved(packed):
     def move(block):
         muscle = read(block)
         move_rods(muscle.shape, muscle.rate, muscle.rod, muscle.motion)
-        masses_and_loads(muscle.rod, muscle.motion, 9.81, muscle.work, muscle.mass, muscle.load)
+        masses_and_loads(muscle.rod, muscle.motion, (0.0, 0.0, 9.81), muscle.work, muscle.mass, muscle.load)
 
     parts = muscle()
     block = new_block(parts, packed)

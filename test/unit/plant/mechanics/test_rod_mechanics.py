@@ -1,6 +1,7 @@
 """The compiled rod against the actuator's kinematics, fine integration, finite differences and closed forms."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -19,43 +20,88 @@ from mbpam_ros.plant.mechanics.rod import (
     motion_at_rest,
     move_rods,
     position_weights,
+    room_for_loads,
     stumpff,
 )
 from mbpam_ros.plant.tiers.rod import tip_bend
 
 GEOMETRY = MuscleGeometry(0.010, 0.015, 0.100, 0.162)
 BENDS = [(0.0, 0.0), (1e-6, -2e-6), (0.4, -0.3), (-1.5, 1.2), (2.4, 1.8)]
+ACTIVE_END_M = 0.115
+RATE = np.array([3.0, -5.0, 1.0, 2.0, -4.0, 0.5, 6.0, -3.0, 2.0, -1.5])
+TILTED = (2.0, -5.0, 8.0)
+
+
+class Shape(NamedTuple):
+    """Coordinates of a muscle: those of curvature, of twist and of stretch."""
+
+    bend: np.ndarray
+    twist: np.ndarray = np.zeros(0)
+    stretch: np.ndarray = np.zeros(0)
+
+    @property
+    def all(self):
+        return np.concatenate(self)
+
+    @property
+    def size(self):
+        return len(self.all)
+
+    @property
+    def rate(self):
+        own = np.split(RATE, [6, 8])
+        return np.concatenate([rate[: len(part)] for rate, part in zip(own, self, strict=True)])
+
+    def moved_by(self, step):
+        ends = np.cumsum([len(part) for part in self])[:-1]
+        return Shape(*(part + change for part, change in zip(self, np.split(step, ends), strict=True)))
+
+
+SMALL, LARGE = np.array([1.2, -0.5, 0.4, 0.3, -0.2, 0.1]), np.array([-2.0, 1.6, -0.3, -0.8, 0.3, -0.2])
 SHAPES = [
-    np.zeros(6),
-    np.array([1.2, -0.5, 0.4, 0.3, -0.2, 0.1]),
-    np.array([-2.0, 1.6, -0.3, -0.8, 0.3, -0.2]),
+    Shape(np.zeros(6)),
+    Shape(SMALL),
+    Shape(LARGE),
+    Shape(np.zeros(6), np.zeros(2), np.zeros(2)),
+    Shape(SMALL, np.array([1.1, -0.4])),
+    Shape(LARGE, np.zeros(0), np.array([0.15, -0.05])),
+    Shape(LARGE, np.array([-0.9, 0.5]), np.array([0.12, 0.06])),
 ]
-RATE = np.array([3.0, -5.0, 1.0, 2.0, -4.0, 0.5])
+BENT = [shape for shape in SHAPES if shape.bend.any()]
 
 
 def moved(shape, rate=None, segments=5):
     """Rod and motion of one muscle with these coordinates."""
-    shape = np.asarray(shape, dtype=float)
-    rod, motion = build_rod(GEOMETRY, len(shape) // 2, segments, 27), motion_at_rest(1, len(shape) // 2, segments)
-    move_rods.py_func(shape[None], (0.0 * shape if rate is None else np.asarray(rate))[None], rod, motion)
+    shape = shape if isinstance(shape, Shape) else Shape(np.asarray(shape, dtype=float))
+    rod = build_rod(GEOMETRY, len(shape.bend) // 2, segments, 27, len(shape.twist), len(shape.stretch))
+    motion, q = motion_at_rest(rod, 1), shape.all
+    move_rods.py_func(q[None], (0.0 * q if rate is None else np.asarray(rate))[None], rod, motion)
     return rod, motion
 
 
-def mechanics(shape, rate=None, gravity=0.0, segments=5):
+def mechanics(shape, rate=None, gravity=(0.0, 0.0, 0.0), segments=5):
     rod, motion = moved(shape, rate, segments)
     size = motion.slope.shape[3]
     mass, load = np.empty((1, size, size)), np.empty((1, size))
-    masses_and_loads.py_func(rod, motion, gravity, np.empty((size // 2 + 1, 6 * segments)), mass, load)
+    masses_and_loads.py_func(rod, motion, gravity, room_for_loads(rod), mass, load)
     return mass[0], load[0]
+
+
+def weights(shape, segments, arc_length_m):
+    return position_weights(GEOMETRY, segments, arc_length_m, len(shape.stretch) > 0)
 
 
 def finely_integrated(shape):
     """Position and rotation of the active part's end by an integrator with error control."""
 
+    def strain(modes, sigma):
+        return legendre.legval(2.0 * sigma - 1.0, modes) if len(modes) else 0.0
+
     def slope(sigma, state):
-        x, y = legendre.legval(2.0 * sigma - 1.0, np.reshape(shape, (-1, 2)))
-        rotation = state[3:].reshape(3, 3)
-        return np.concatenate([0.1 * rotation[:, 2], (rotation @ [[0, 0, x], [0, 0, y], [-x, -y, 0]]).ravel()])
+        (x, y), twist = strain(shape.bend.reshape(-1, 2), sigma), strain(shape.twist, sigma)
+        rotation, speed = state[3:].reshape(3, 3), 0.1 * (1.0 + strain(shape.stretch, sigma))
+        turn = np.array([[0, -twist, x], [twist, 0, y], [-x, -y, 0]])
+        return np.concatenate([speed * rotation[:, 2], (rotation @ turn).ravel()])
 
     start = np.concatenate([[0.0, 0.0, 0.015], np.eye(3).ravel()])
     end = solve_ivp(slope, (0.0, 1.0), start, rtol=1e-11, atol=1e-13).y[:, -1]
@@ -82,13 +128,13 @@ def test_one_mode_is_the_constant_curvature_of_the_actuators_kinematics():
             np.testing.assert_allclose(points, centreline(np.array(bend), GEOMETRY, arc_length), atol=error_m)
 
 
-@pytest.mark.parametrize("shape", SHAPES[1:])
+@pytest.mark.parametrize("shape", BENT)
 def test_tip_tangent_and_position_converge_with_the_fourth_power_of_the_segments_length(shape):
     position, rotation = finely_integrated(shape)
     errors = []
     for segments in (8, 16):
         _, motion = moved(shape, segments=segments)
-        end = position_weights(GEOMETRY, segments, [0.115])[0] @ motion.tangent[0]
+        end = weights(shape, segments, [ACTIVE_END_M])[0] @ motion.tangent[0]
         errors.append([np.linalg.norm(motion.tangent[0, -1] - rotation[:, 2]), np.linalg.norm(end - position) / 0.1])
     coarse, fine = np.array(errors)
     assert (fine < 3e-6).all()
@@ -103,37 +149,38 @@ def test_a_straight_muscle_is_exactly_straight_whatever_its_number_of_modes():
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_slope_is_the_derivative_of_the_tangents(shape):
-    for j, step in enumerate(1e-6 * np.eye(6)):
-        expected = (moved(shape + step)[1].tangent - moved(shape - step)[1].tangent) / 2e-6
+def test_slope_is_the_derivative_of_the_directors(shape):
+    for j, step in enumerate(1e-6 * np.eye(shape.size)):
+        expected = (moved(shape.moved_by(step))[1].tangent - moved(shape.moved_by(-step))[1].tangent) / 2e-6
         np.testing.assert_allclose(moved(shape)[1].slope[..., j], expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_acceleration_is_the_second_derivative_of_the_tangents_at_constant_rates(shape):
+def test_acceleration_is_the_second_derivative_of_the_directors_at_constant_rates(shape):
     h = 1e-4
-    before, now, after = (moved(shape + way * RATE)[1].tangent for way in (-h, 0.0, h))
+    before, now, after = (moved(shape.moved_by(way * shape.rate))[1].tangent for way in (-h, 0.0, h))
     expected = (after - 2.0 * now + before) / h**2
-    np.testing.assert_allclose(moved(shape, RATE)[1].acceleration, expected, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(moved(shape, shape.rate)[1].acceleration, expected, atol=1e-6 * np.abs(expected).max())
 
 
-def test_turning_is_the_derivative_of_the_sections_rotation():
-    shape, h = SHAPES[1], 1e-5
-    for j, step in enumerate(h * np.eye(6)):
-        back, here, forward = (finely_integrated(shape + way * step)[1] for way in (-1.0, 0.0, 1.0))
+@pytest.mark.parametrize("shape", [SHAPES[1], SHAPES[4], SHAPES[6]])
+def test_turning_is_the_derivative_of_the_sections_rotation(shape):
+    h = 1e-5
+    for j, step in enumerate(h * np.eye(shape.size)):
+        back, here, forward = (finely_integrated(shape.moved_by(way * step))[1] for way in (-1.0, 0.0, 1.0))
         spin = (forward - back) @ here.T / (2.0 * h)
         expected = [spin[2, 1], spin[0, 2], spin[1, 0]]
         np.testing.assert_allclose(moved(shape, segments=12)[1].turning[0, -1, :, j], expected, atol=2e-5)
 
 
-@pytest.mark.parametrize("shape", SHAPES[1:])
+@pytest.mark.parametrize("shape", BENT)
 def test_jacobian_of_a_ball_is_the_derivative_of_its_position_and_turns_material_beside_it(shape):
     rod, motion = moved(shape)
-    centre, beside, arm = np.empty((6, 6)), np.empty((6, 6)), np.array([0.003, -0.002, 0.005])
+    centre, beside, arm = np.empty((6, shape.size)), np.empty((6, shape.size)), np.array([0.003, -0.002, 0.005])
     ball_jacobian.py_func(rod, motion, 0, 20, 1.0, (0.0, 0.0, 0.0), centre)
     ball_jacobian.py_func(rod, motion, 0, 20, -1.0, tuple(arm), beside)
-    for j, step in enumerate(1e-6 * np.eye(6)):
-        ahead, back = (ball_position.py_func(rod, moved(shape + s)[1].tangent[0], 20) for s in (step, -step))
+    for j, step in enumerate(1e-6 * np.eye(shape.size)):
+        ahead, back = (ball_position.py_func(rod, moved(shape.moved_by(s))[1].tangent[0], 20) for s in (step, -step))
         np.testing.assert_allclose(centre[:3, j], np.subtract(ahead, back) / 2e-6, atol=1e-9)
     expected = np.vstack([centre[:3] + np.cross(centre[3:], arm, axisa=0).T, centre[3:]])
     np.testing.assert_allclose(beside, -expected, atol=1e-12)
@@ -148,7 +195,7 @@ def test_mass_of_a_straight_muscle_is_its_closed_form():
 @pytest.mark.parametrize("bend", BENDS)
 def test_gravity_on_one_mode_is_the_closed_form_of_constant_curvature(bend):
     expected = -gravity_gradient_n_m(np.array(bend), GEOMETRY)
-    np.testing.assert_allclose(mechanics(bend, gravity=9.81)[1], expected, atol=2e-8)
+    np.testing.assert_allclose(mechanics(bend, gravity=(0.0, 0.0, 9.81))[1], expected, atol=2e-8)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -156,22 +203,47 @@ def test_mass_is_that_of_a_fine_chain_of_points(shape):
     # The active part and the far end, each by midpoints (positions have a kink between them).
     s = np.concatenate([a + (np.arange(2000) + 0.5) * n / 2000 for a, n in ((0.015, 0.1), (0.115, 0.015))])
     mass = np.repeat([0.162 * 0.1 / 2000, 0.162 * 0.015 / 2000], 2000)
-    positions = np.einsum("sk,kij->sij", position_weights(GEOMETRY, 5, s), moved(shape)[1].slope[0])
-    np.testing.assert_allclose(mechanics(shape)[0], np.einsum("s,sij,sik->jk", mass, positions, positions), rtol=1e-5)
+    rod, motion = moved(shape)
+    positions = np.einsum("sk,kij->sij", weights(shape, 5, s), motion.slope[0])
+    expected = np.einsum("s,sij,sik->jk", mass, positions, positions)
+    expected += np.einsum("k,ki,kj->ij", rod.spins, motion.spin[0], motion.spin[0])
+    np.testing.assert_allclose(mechanics(shape)[0], expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("shape", SHAPES[1:])
+def test_a_straight_muscle_that_twists_has_the_turning_inertia_of_a_solid_cylinder():
+    # Twisted evenly: the active part by sigma, the end by all of it.
+    per_length = 0.5 * 0.162 * 0.010**2
+    mass, _ = mechanics(Shape(np.zeros(2), np.zeros(1)))
+    assert mass[2, 2] == pytest.approx(per_length * (0.100 / 3.0 + 0.015), rel=1e-12)
+
+
+def test_a_straight_muscle_that_stretches_has_the_mass_of_a_bar():
+    mass, _ = mechanics(Shape(np.zeros(2), np.zeros(0), np.zeros(1)))
+    assert mass[2, 2] == pytest.approx(0.162 * 0.100**2 * (0.100 / 3.0 + 0.015), rel=1e-12)
+
+
+@pytest.mark.parametrize("shape", [SHAPES[4], SHAPES[6]])
+def test_spin_is_the_turning_about_the_tangent(shape):
+    _, motion = moved(shape)
+    points = slice(2, -1) if len(shape.stretch) else slice(1, None)
+    tangents = motion.tangent[0, points] / np.linalg.norm(motion.tangent[0, points], axis=1, keepdims=True)
+    expected = np.einsum("ki,kij->kj", tangents, motion.turning[0, points])
+    expected[:, len(shape.bend) + len(shape.twist) :] = 0.0
+    np.testing.assert_allclose(motion.spin[0], expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("shape", BENT)
 def test_velocity_terms_are_those_of_lagranges_equation_and_gravity_has_a_potential(shape):
     def potential(q):
         rod, motion = moved(q)
-        return -9.81 * rod.levers @ motion.tangent[0, 1:, 2]
+        return -rod.levers @ (motion.tangent[0, 1:] @ TILTED)
 
-    steps = 1e-5 * np.eye(6)
-    slopes = [(mechanics(shape + e)[0] - mechanics(shape - e)[0]) / 2e-5 for e in steps]
-    change = sum(slope * v for slope, v in zip(slopes, RATE, strict=True))
-    expected = -change @ RATE + 0.5 * np.array([RATE @ slope @ RATE for slope in slopes])
-    expected -= [(potential(shape + e) - potential(shape - e)) / 2e-5 for e in steps]
-    load = mechanics(shape, RATE, 9.81)[1]
+    rate, steps = shape.rate, 1e-5 * np.eye(shape.size)
+    slopes = [(mechanics(shape.moved_by(e))[0] - mechanics(shape.moved_by(-e))[0]) / 2e-5 for e in steps]
+    change = sum(slope * v for slope, v in zip(slopes, rate, strict=True))
+    expected = -change @ rate + 0.5 * np.array([rate @ slope @ rate for slope in slopes])
+    expected -= [(potential(shape.moved_by(e)) - potential(shape.moved_by(-e))) / 2e-5 for e in steps]
+    load = mechanics(shape, rate, TILTED)[1]
     np.testing.assert_allclose(load, expected, atol=1e-8 * np.abs(load).max())
 
 
@@ -191,10 +263,10 @@ def test_the_tips_bend_turns_the_clamps_axis_into_the_tips_and_its_rate_is_its_d
     shape, h = SHAPES[2], 1e-6
     bends = []
     for way in (-h, 0.0, h):
-        q = shape + way * RATE
-        _, motion = moved(q, RATE)
-        tip_rate = motion.slope[0, -1] @ RATE
-        bends.append(tip_bend(motion.tangent[:, -1], tip_rate[None], q[None, :2]))
+        q = shape.moved_by(way * shape.rate)
+        _, motion = moved(q, q.rate)
+        tip_rate = motion.slope[0, -1] @ q.rate
+        bends.append(tip_bend(motion.tangent[:, -1], tip_rate[None], q.bend[None, :2]))
     (x, y), tangent = bends[1][0][0], moved(shape)[1].tangent[0, -1]
     np.testing.assert_allclose(Rotation.from_rotvec([-y, x, 0.0]).apply([0.0, 0.0, 1.0]), tangent, atol=1e-12)
     np.testing.assert_allclose(bends[1][1], (bends[2][0] - bends[0][0]) / (2.0 * h), rtol=1e-6)

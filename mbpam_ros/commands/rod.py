@@ -1,0 +1,112 @@
+"""One muscle at rest as a rod: where its tip lies under pressures, loads on the tip and gravity in any direction.
+
+    mbpam rod --pattern pdc --pressure-kpa 100 --tip-force 0,0.05,0 --gravity 0,0,9.81 --json FILE
+    mbpam rod --states fe_muscle_states.json --json FILE     beside finite elements, state by state
+    mbpam rod --strains bend                                 a rod that cannot stretch or twist
+
+Frame: origin at the clamp, z toward the tip of the straight muscle, the cross's arms along x and y. The same arguments
+and keys as "mbpam fe muscle". The law is by default the finite elements' (config); --law calibrated takes the one that
+plant and estimator run on, scaled to the design's and target's angle and force in the gripper file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mbpam_ros.actuator.bending_law import stored_shear_modulus_pa
+from mbpam_ros.actuator.calibration import calibrated_rod_law
+from mbpam_ros.actuator.elastic_rod import RIGID, STRAINS, check_strains, solid_end
+from mbpam_ros.actuator.rod_law import RodLaw, finite_element_rod_law
+from mbpam_ros.commands.muscle_state import add_muscle_state, muscle_state
+from mbpam_ros.gripper import Gripper, load_gripper
+from mbpam_ros.study.muscle_states import (
+    RodModel,
+    answer_text,
+    compared,
+    comparison_text,
+    read_states,
+    rod_answer,
+    summary,
+)
+from mbpam_ros.study.result_file import write_json
+
+LAWS = ("config", "calibrated")
+ENDS = ("rigid", "silicone")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
+    add_muscle_state(parser)
+    parser.add_argument(
+        "--states", type=Path, metavar="FILE", help="compare with each state of FILE, instead of the one described"
+    )
+    parser.add_argument(
+        "--strains",
+        type=_strains,
+        default=STRAINS,
+        metavar="NAMES",
+        help=f"what the rod may do (default: {','.join(STRAINS)})",
+    )
+    parser.add_argument("--law", choices=LAWS, default="config", help="default: config")
+    parser.add_argument(
+        "--ends", choices=ENDS, default="rigid", help="rigid, as in the plant, or solid silicone (default: rigid)"
+    )
+    parser.add_argument("--gripper", default="gripper.yaml", metavar="YAML", help="the muscle (default: gripper.yaml)")
+    parser.add_argument(
+        "--mass-per-length", type=_mass, metavar="KG/M", help="of active part and ends (default: as the gripper file)"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="where the answer goes")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Solve, print, and write what is asked for."""
+    gripper = load_gripper(options.gripper)
+    geometry = gripper.geometry
+    if options.mass_per_length is not None:
+        geometry = replace(geometry, mass_per_length_kg_m=options.mass_per_length)
+    ends = RIGID if options.ends == "rigid" else solid_end(stored_shear_modulus_pa(), geometry)
+    model = RodModel(_law(options.law, gripper), geometry, options.strains, ends)
+    told: dict[str, Any] = {
+        "strains": list(options.strains),
+        "law": options.law,
+        "ends": options.ends,
+        "active_length_mm": 1e3 * geometry.active_length_m,
+        "end_length_mm": 1e3 * geometry.end_length_m,
+        "mass_per_length_kg_m": geometry.mass_per_length_kg_m,
+    }
+    if options.states is None:
+        answer = rod_answer(muscle_state(options), model)
+        print(answer_text([answer]))
+        result = answer | told
+    else:
+        found = compared(read_states(options.states), model)
+        print(comparison_text(found))
+        result = told | {"reference": options.states.name, "summary": summary(found), "states": found}
+    if options.json is not None:
+        write_json(options.json, result)
+    return 0
+
+
+def _law(name: str, gripper: Gripper) -> RodLaw:
+    if name == "config":
+        return finite_element_rod_law()
+    return calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
+
+
+def _strains(text: str) -> tuple[str, ...]:
+    strains = tuple(text.split(","))
+    try:
+        check_strains(strains)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return strains
+
+
+def _mass(text: str) -> float:
+    if not (math.isfinite(mass := float(text)) and mass > 0.0):
+        raise argparse.ArgumentTypeError(f"must be above 0, found {text}; without weight: --gravity 0,0,0")
+    return mass
