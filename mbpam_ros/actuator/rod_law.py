@@ -20,11 +20,11 @@ chambers at equal pressure give none, and all is continuous: where M0 vanishes u
 sin^2 pass to 1/2 each. B_S(0) = B_D(0) = B0, because an unpressurised cross-section of fourfold symmetry is isotropic.
 
 Against unit cells under ten unequal sets at 60, 80 and 100 kPa (``config/data/fe_unequal_pressures.json``; the blend's
-form was chosen in view of those at 100 kPa, nothing was fitted to them) M0 is off by 2.9 % rms (8.1 % at worst) and the
-free bend by 4.0 % (10.3 %), both as vectors; (p, p/2, 0, 0) by 2.2 and 2.2 %, (p, 0, p/2, 0) by 3.8 and 4.1 % at worst;
-directions are within 1 deg. Of opposite chambers at equal pressure, B is off by up to a fifth for one diagonal; for all
-four chambers above 60 kPa it is far too low (2.3 against 3.1 mN m2 at 100 kPa): what a common stretch adds to the
-stiffness is not in the two patterns.
+form was chosen in view of those at 100 kPa on an earlier mesh, nothing was fitted to them) M0 is off by 3.1 % rms
+(8.5 % at worst) and the free bend by 4.8 % (11.2 %), both as vectors; (p, p/2, 0, 0) by 2.2 and 3.1 %, (p, 0, p/2, 0)
+by 3.5 and 3.9 % at worst; directions are within 1 deg. Of opposite chambers at equal pressure, B is off by up to a
+fifth for one diagonal; for all four chambers above 60 kPa it is far too low (2.2 against 3.1 mN m2 at 100 kPa): what a
+common stretch adds to the stiffness is not in the two patterns.
 
 Laws for which a blend would not have a positive stiffness are refused.
 
@@ -47,8 +47,8 @@ vector along the bend), log EA and log GJ are sums over the chambers,
 
 for c with n_i before the bracket and sqrt(2) for the 2 of the gain g. Again PSC and PDC come back exactly, turns and
 mirrors of the pressures turn and mirror c and change nothing of the others, and all is continuous. Sums of logarithms
-keep EA and GJ positive for all pressures. Against the unequal sets, epsilon_0 is off by at most 4.5 % of it, but by
-13 % for all four chambers at 100 kPa (0.390 instead of 0.346; 10 % at 80 kPa); what an opposite chamber would add as a
+keep EA and GJ positive for all pressures. Against the unequal sets, epsilon_0 is off by at most 4.8 % of it, but by
+9 % for all four chambers at 100 kPa and -14 % at 80; what an opposite chamber would add as a
 neighbour does makes these worse (6 to 9 % for the two of one diagonal). For EA and GJ there are no unequal sets.
 """
 

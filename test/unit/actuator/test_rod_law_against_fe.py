@@ -43,7 +43,7 @@ def test_the_patterns_come_back_from_another_run_of_the_same_cell(shares):
 
 @pytest.mark.parametrize(
     ("shares", "moment_error", "bend_error"),
-    [((1.0, 0.5, 0.0, 0.0), 0.025, 0.025), ((1.0, 0.0, 0.5, 0.0), 0.04, 0.045)],
+    [((1.0, 0.5, 0.0, 0.0), 0.023, 0.031), ((1.0, 0.0, 0.5, 0.0), 0.036, 0.04)],
     ids=["p, p/2, 0, 0", "p, 0, p/2, 0"],
 )
 def test_the_two_sets_of_the_issue_have_the_stated_error(shares, moment_error, bend_error):
@@ -61,8 +61,8 @@ def test_all_unequal_sets_together_have_the_stated_error():
     found = np.array([errors(row) for row in UNEQUAL])
     assert len(found) == 30
     rms, worst = np.sqrt(np.mean(found**2, axis=0)), found.max(axis=0)
-    assert (rms <= [0.031, 0.042]).all()
-    assert (worst <= [0.082, 0.104]).all()
+    assert (rms <= [0.031, 0.048]).all()
+    assert (worst <= [0.086, 0.113]).all()
 
 
 def test_equal_pressures_in_opposite_chambers_do_not_bend_and_stiffen():
@@ -85,14 +85,14 @@ def test_the_stiffness_of_one_pressurised_diagonal_lies_within_a_fifth_of_the_ce
 
 
 def test_the_free_stretch_of_the_straight_section_has_the_stated_error():
-    """At most 4.5 % but for all four chambers, where the blend's two neighbours each stand for too much at 100 kPa."""
+    """At most 4.8 % but for all four chambers, where the blend's two neighbours each stand for too much at 100 kPa."""
     errors = {}
     for row in CONTENT["rows"]:
         found = LAW.strain_law(1e3 * row["p_kpa"] * np.array(row["shares"])).free_stretch
         expected = row["axis_stretch_straight"] - 1.0
         errors.setdefault(tuple(row["shares"]) == (1.0, 1.0, 1.0, 1.0), []).append(found / expected - 1.0)
-    assert np.abs(errors[False]).max() < 0.045
-    np.testing.assert_allclose(errors[True], [-0.02, -0.10, 0.13], atol=8e-3)
+    assert np.abs(errors[False]).max() < 0.048
+    np.testing.assert_allclose(errors[True], [-0.014, -0.135, 0.091], atol=2e-3)
 
 
 def test_the_file_says_how_it_was_made():

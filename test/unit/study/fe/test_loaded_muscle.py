@@ -132,7 +132,7 @@ def test_the_set_is_kept_resumed_and_read_by_the_rod(tmp_path, capsys):
     again = state_set.state_set(SHORT, path, ThisProcess(), Progress(), TWO_WAYS)
     assert again["states"][:4] == result["states"]
     assert again["failures"] == {}
-    assert len(read_states(path)) == 6
+    assert len(read_states(path).rows) == 6
     assert json.loads(path.read_text(encoding="utf-8"))["settings"] == SHORT.settings()
     assert "1 job" in capsys.readouterr().out
 
@@ -171,7 +171,7 @@ def test_the_verb_of_the_set_writes_its_states_and_says_what_it_did(tmp_path, mo
     monkeypatch.setattr("mbpam_ros.commands.fe.states.muscle_model", lambda options: SHORT)
     path = tmp_path / "states.json"
     assert main(["fe", "states", "--workers", "1", "--json", str(path)]) == 0
-    assert [row["tip_torque_n_mm"] for row in read_states(path)] == [0.0, 5.0]
+    assert [row["tip_torque_n_mm"] for row in read_states(path).rows] == [0.0, 5.0]
     assert "[1/1] level: 2 states" in capsys.readouterr().out
 
 
