@@ -114,9 +114,13 @@ def gas_amount(tables: GasVolumeTables, row: Vector, pressure_pa: float) -> tupl
 
 
 @njit(cache=True)
-def _within(low: float, high: float, guess: float) -> float:
-    """Return Newton's guess, or the middle of the bracket (its end doubled while it is open) where that is outside."""
-    if low < guess < high:
+def _within(low: float, high: float, here: float, guess: float, before_pa: float) -> float:
+    """Return Newton's guess, or the middle of the bracket (its end doubled while it is open).
+
+    The middle is taken where the guess is outside, or no nearer than half of the step before the last, ``before_pa``:
+    between the kinks of the flow and of the volume Newton's method would go to and fro.
+    """
+    if low < guess < high and abs(guess - here) <= 0.5 * before_pa:
         return guess
     return 0.5 * (low + high) if high < np.inf else 2.0 * low + _LEAST_PA
 
@@ -137,6 +141,7 @@ def _chamber_pressure(
         The absolute pressure after the step, the gas that came from the supply [J] and its slope with ``supply_pa``.
     """
     low, high, pressure = _LEAST_PA, np.inf, start_pa
+    last_pa = before_pa = np.inf
     for _ in range(_MOST_ITERATIONS):
         now, rise = gas_amount(tables, row, pressure)
         filled, with_supply, with_pressure = orifice_flow(critical_ratio, supply_pa, pressure)
@@ -149,7 +154,8 @@ def _chamber_pressure(
             high = pressure
         else:
             low = pressure
-        pressure = _within(low, high, pressure - left / slope)
+        here, pressure = pressure, _within(low, high, pressure, pressure - left / slope, before_pa)
+        before_pa, last_pa = last_pa, abs(pressure - here)
     return pressure, fill * filled, fill * with_supply * (1.0 + fill * with_pressure / slope)
 
 
@@ -171,6 +177,7 @@ def advance(
         rows = volume_rows(tables, pressure, bend_rad, orifices.line_volume)
         begun_pa = supply_pa
         low, high = _LEAST_PA, np.inf
+        last_pa = before_pa = np.inf
         for _ in range(_MOST_ITERATIONS):
             left, slope = orifices.supply_volume * (supply_pa - begun_pa), orifices.supply_volume
             if orifices.regulated > supply_pa:  # a regulator does not relieve
@@ -191,7 +198,8 @@ def advance(
                 high = supply_pa
             else:
                 low = supply_pa
-            supply_pa = _within(low, high, supply_pa - left / slope)
+            here, supply_pa = supply_pa, _within(low, high, supply_pa, supply_pa - left / slope, before_pa)
+            before_pa, last_pa = last_pa, abs(supply_pa - here)
         for i in range(size):
             pressure[i] = after[i]
             amount[i] = gas_amount(tables, rows[i], pressure[i])[0]

@@ -162,7 +162,7 @@ def bend_curve(run: Run, pressures_kpa: Sequence[float]) -> dict[str, list[float
     cell = run.cell(SHORT_WAY)
     states, angles = [cell.rest()], []
     for pressure_kpa in pressures_kpa:
-        if pressure_kpa > 1e3 * states[-1].pressure_gauge_mpa:
+        if pressure_kpa != 1e3 * states[-1].pressure_gauge_mpa:
             states.append(cell.free_bend(1e-3 * pressure_kpa, states[-1], states[:-1]))
         law = BendingLaw(cell, states[-1:])
         angles.append(math.degrees(run.upright_tip_angle_rad(law)))

@@ -107,7 +107,7 @@ def test_however_fast_the_fingers_close_the_plant_steps_up_before_they_touch(cap
     drive(plant, 1.5 * CLOSED, 0.5)
     up = [text for text in messages(caplog) if "up to" in text]
     assert len(up) == 1
-    assert 0.0 < float(up[0].split("the object ")[1].split()[0]) < 10.0
+    assert 0.0 < float(up[0].split("the object ")[1].split()[0]) < 12.0
 
 
 def test_a_reset_gives_the_same_bits_again():

@@ -7,7 +7,7 @@ pytest.importorskip("felupe")
 
 from mbpam_ros.configuration import config_path
 from mbpam_ros.study.executors import open_executor
-from mbpam_ros.study.fe.design_run import MESHES, Run, fast_reading, settings
+from mbpam_ros.study.fe.design_run import MESHES, Run, settings
 from mbpam_ros.study.fe.law_table import STIFFNESSES, law_at_pressure, law_table
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.terminal import Progress
@@ -28,11 +28,11 @@ def test_the_law_knows_the_moment_that_holds_the_muscle_straight():
     assert min(table["bend_stiffness_n_mm2"]) < secant < max(table["bend_stiffness_n_mm2"])
 
 
-def test_the_stored_law_is_what_the_fast_mesh_gives():
+def test_the_stored_law_is_what_the_default_mesh_gives():
     stored = json.loads(config_path("data/fe_bending_law.json").read_text(encoding="utf-8"))
     tables = {(row["pattern"], row["p_kpa"]): row for row in stored["tables"]}
     assert len(tables) == 26 and not any(row["missing"] for row in tables.values())
-    run = fast_reading("psc")
+    run = Run(CellGeometry(), "psc")
     for key, value in settings(run).items():
         if key != "versions":
             assert stored["settings"][key] == value, key
