@@ -174,8 +174,7 @@ def motion_at_rest(rod: Rod, fingers: int) -> Motion:
 
 def room_for_loads(rod: Rod) -> Array:
     """Return the scratch of :func:`masses_and_loads`."""
-    modes = rod.bends.shape[2]
-    return np.zeros((1 + coordinates_of(rod) - modes, 6 * len(rod.levers)))
+    return np.zeros((1 + (coordinates_of(rod) + 1) // 2, 6 * len(rod.levers) + 2 * len(rod.spins)))
 
 
 def position_weights(
@@ -369,7 +368,7 @@ def _write_column(turning: Array, slope: Array, f: int, row: int, n: int, w: Vec
     slope[f, row, 2, n] = w[0] * t[1] - w[1] * t[0]
 
 
-@kernel
+@kernel(forceinline=True)
 def _write_spin(motion: Motion, f: int, k: int, row: int, columns: int, t: Vector, turn: Vector, gain: Vector) -> None:
     """Write spin and its load of point k + 1; the first ``columns`` coordinates turn it."""
     turning, spin, load = motion.turning[f, row], motion.spin[f, k], motion.spin_load[f, k]
@@ -380,7 +379,7 @@ def _write_spin(motion: Motion, f: int, k: int, row: int, columns: int, t: Vecto
         spin[n], load[1 + n] = dot(t, w), rate * dot(across, w)  # t.(w x W) = (t x w).W
 
 
-@kernel
+@kernel(forceinline=True)
 def _stretch_director(
     q: Array, rate: Array, rod: Rod, motion: Motion, f: int, k: int, row: int, t: Vector, swing: Vector
 ) -> None:
@@ -412,13 +411,17 @@ def masses_and_loads(rod: Rod, motion: Motion, gravity: Vector, work: Array, mas
     """Write mass matrices (4, D, D) and loads (4, D) of gravity less velocity terms of all muscles, SI.
 
     ``gravity`` [m/s2] is that in the (accelerated) clamp frame. With J_k = dd_k/dq, a_k the acceleration of d_k while
-    dq/dt is constant and the factor C of G: mass = Z^T Z, load = sum_k W_k g^T J_k - Z^T C a, Z = C J; and the spins'.
+    dq/dt is constant and the factor C of G: mass = Z^T Z, load = sum_k W_k g^T J_k - Z^T C a, Z = C J; a spin is a row
+    of Z with sqrt(J) for C. Columns are taken in pairs, whose sums do not wait for each other; of an odd number of
+    columns the last one is its own neighbour.
 
     Args:
         work: scratch, of :func:`room_for_loads`.
     """
-    directors, modes, inertia, levers = rod.inertia.shape[0], rod.bends.shape[2], rod.inertia, rod.levers
-    slope, acceleration = motion.slope, motion.acceleration
+    directors, inertia, levers, spins = rod.inertia.shape[0], rod.inertia, rod.levers, rod.spins
+    slope, acceleration, columns = motion.slope, motion.acceleration, load.shape[1]
+    pairs = (columns + 1) // 2
+    rows = 6 * directors + 2 * spins.shape[0]
     for finger in range(load.shape[0]):
         for k in range(directors):
             ax, ay, az = 0.0, 0.0, 0.0
@@ -427,9 +430,10 @@ def masses_and_loads(rod: Rod, motion: Motion, gravity: Vector, work: Array, mas
                 ax += share * acceleration[finger, n + 1, 0]
                 ay += share * acceleration[finger, n + 1, 1]
                 az += share * acceleration[finger, n + 1, 2]
-            work[modes, 3 * k], work[modes, 3 * k + 1], work[modes, 3 * k + 2] = ax, ay, az
-        for i in range(modes):
-            x, y, load_x, load_y = 2 * i, 2 * i + 1, 0.0, 0.0
+            work[pairs, 3 * k], work[pairs, 3 * k + 1], work[pairs, 3 * k + 2] = ax, ay, az
+        for i in range(pairs):
+            x, load_x, load_y = 2 * i, 0.0, 0.0
+            y = min(x + 1, columns - 1)
             for k in range(directors):
                 xx, yx, zx, xy, yy, zy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # rows of Z: axis, column
                 for n in range(k, directors):
@@ -439,21 +443,25 @@ def masses_and_loads(rod: Rod, motion: Motion, gravity: Vector, work: Array, mas
                     zx, zy = zx + share * slope[finger, n + 1, 2, x], zy + share * slope[finger, n + 1, 2, y]
                 work[i, 6 * k], work[i, 6 * k + 1], work[i, 6 * k + 2] = xx, xy, yx
                 work[i, 6 * k + 3], work[i, 6 * k + 4], work[i, 6 * k + 5] = yy, zx, zy
-                ax, ay, az = work[modes, 3 * k], work[modes, 3 * k + 1], work[modes, 3 * k + 2]
+                ax, ay, az = work[pairs, 3 * k], work[pairs, 3 * k + 1], work[pairs, 3 * k + 2]
                 weight = times(levers[k], gravity)
                 load_x += _work_of(weight, slope[finger, k + 1], x) - xx * ax - yx * ay - zx * az
                 load_y += _work_of(weight, slope[finger, k + 1], y) - xy * ax - yy * ay - zy * az
+            for k in range(spins.shape[0]):
+                root, spin, spin_load = math.sqrt(spins[k]), motion.spin[finger, k], motion.spin_load[finger, k]
+                work[i, 6 * directors + 2 * k], work[i, 6 * directors + 2 * k + 1] = root * spin[x], root * spin[y]
+                load_x -= spins[k] * (spin[x] * spin_load[0] - spin_load[1 + x])
+                load_y -= spins[k] * (spin[y] * spin_load[0] - spin_load[1 + y])
             load[finger, x], load[finger, y] = load_x, load_y
             for j in range(i + 1):
                 xx, xy, yx, yy = 0.0, 0.0, 0.0, 0.0
-                for r in range(0, 6 * directors, 2):
+                for r in range(0, rows, 2):
                     ix, iy, jx, jy = work[i, r], work[i, r + 1], work[j, r], work[j, r + 1]
                     xx, xy, yx, yy = xx + ix * jx, xy + ix * jy, yx + iy * jx, yy + iy * jy
-                v, w = 2 * j, 2 * j + 1
+                v = 2 * j
+                w = min(v + 1, columns - 1)
                 mass[finger, x, v], mass[finger, x, w], mass[finger, y, v], mass[finger, y, w] = xx, xy, yx, yy
                 mass[finger, v, x], mass[finger, w, x], mass[finger, v, y], mass[finger, w, y] = xx, xy, yx, yy
-        if load.shape[1] > 2 * modes:
-            _twist_and_stretch(rod, motion, gravity, finger, work, mass[finger], load[finger])
 
 
 @kernel(forceinline=True)
@@ -461,41 +469,6 @@ def _work_of(weight: Vector, slope: Array, column: int) -> float:
     """Along z first: where gravity is along it, no digit changes."""
     work: float = weight[2] * slope[2, column] + (weight[0] * slope[0, column] + weight[1] * slope[1, column])
     return work
-
-
-@kernel
-def _twist_and_stretch(
-    rod: Rod, motion: Motion, gravity: Vector, finger: int, work: Array, mass: Array, load: Array
-) -> None:
-    """Add the rows and columns of twist and stretch, and the spins to all."""
-    directors, modes, columns = rod.inertia.shape[0], rod.bends.shape[2], load.shape[0]
-    slope = motion.slope[finger]
-    for m in range(2 * modes, columns):
-        here, total = modes + 1 + m - 2 * modes, 0.0  # row of ``work``: Z's column, by director and axis
-        for k in range(directors):
-            for i in range(3):
-                z = 0.0
-                for n in range(k, directors):
-                    z += rod.inertia[k, n] * slope[n + 1, i, m]
-                work[here, 3 * k + i] = z
-                total += rod.levers[k] * gravity[i] * slope[k + 1, i, m] - z * work[modes, 3 * k + i]
-        load[m] = total
-        for j in range(modes):
-            x, y = 0.0, 0.0
-            for r in range(3 * directors):
-                x, y = x + work[here, r] * work[j, 2 * r], y + work[here, r] * work[j, 2 * r + 1]
-            mass[m, 2 * j], mass[2 * j, m], mass[m, 2 * j + 1], mass[2 * j + 1, m] = x, x, y, y
-        for j in range(2 * modes, m + 1):
-            there, z = modes + 1 + j - 2 * modes, 0.0
-            for r in range(3 * directors):
-                z += work[here, r] * work[there, r]
-            mass[m, j], mass[j, m] = z, z
-    for k in range(rod.spins.shape[0]):
-        spin, spin_load, inertia = motion.spin[finger, k], motion.spin_load[finger, k], rod.spins[k]
-        for m in range(columns):
-            load[m] -= inertia * (spin[m] * spin_load[0] - spin_load[1 + m])
-            for j in range(columns):
-                mass[m, j] += inertia * spin[m] * spin[j]
 
 
 @kernel(forceinline=True)
