@@ -41,6 +41,7 @@ Frame: the clamp's, z along the hanging muscle. Columns of Jacobians: q_0x, q_0y
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -253,113 +254,6 @@ def stumpff(u: float) -> tuple[float, float, float, float, float]:
     return 1.0 - u * c3, 0.5 - u * c4, c3, c4, c5
 
 
-@kernel
-def move_rods(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
-    """Write the motion of all muscles with coordinates q and their rates, shapes (4, D).
-
-    A segment turns at T do/dt seen from its start, T = 1 + c_2 [o] + c_3 [o]^2, and while dq/dt is constant this grows
-    at dT/dt do/dt + T d2o/dt2; only the Magnus term has a second derivative then.
-    """
-    bends, twists, stretches = rod.bends, rod.twists, rod.stretches
-    modes, twist_modes, stretch_modes = bends.shape[2], twists.shape[2], stretches.shape[1]
-    first_twist, first_stretch = 2 * modes, 2 * modes + twist_modes
-    twisting, stretching = twist_modes > 0, stretch_modes > 0
-    tangent, acceleration, turning, slope = motion.tangent, motion.acceleration, motion.turning, motion.slope
-    for f in range(q.shape[0]):
-        rx, ry, rz = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # rows of R
-        turn, gain = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)  # turning rate of the section, and its rate
-        before = 0  # row of the section before
-        if stretching:
-            before = 1
-            long = 1.0
-            for i in range(stretch_modes):
-                long += stretches[0, i] * q[f, first_stretch + i]
-                slope[f, 1, 2, first_stretch + i] = stretches[0, i]
-            tangent[f, 1, 2] = long
-        for k in range(bends.shape[0]):
-            b1x, b1y, b2x, b2y, d1x, d1y, d2x, d2y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for i in range(modes):
-                x, y, one, two = 2 * i, 2 * i + 1, bends[k, 0, i], bends[k, 1, i]
-                b1x, b1y, b2x, b2y = b1x + one * q[f, x], b1y + one * q[f, y], b2x + two * q[f, x], b2y + two * q[f, y]
-                d1x, d1y, d2x, d2y = (
-                    d1x + one * rate[f, x],
-                    d1y + one * rate[f, y],
-                    d2x + two * rate[f, x],
-                    d2y + two * rate[f, y],
-                )
-            o = (-0.5 * (b1y + b2y), 0.5 * (b1x + b2x), _MAGNUS * (b1x * b2y - b1y * b2x))
-            do = (-0.5 * (d1y + d2y), 0.5 * (d1x + d2x), _MAGNUS * (d1x * b2y + b1x * d2y - d1y * b2x - b1y * d2x))
-            ddo = (0.0, 0.0, 2.0 * _MAGNUS * (d1x * d2y - d1y * d2x))
-            t1, t2, e1, e2 = 0.0, 0.0, 0.0, 0.0  # twist and its rate at the Gauss points
-            if twisting:
-                for i in range(twist_modes):
-                    n, one, two = first_twist + i, twists[k, 0, i], twists[k, 1, i]
-                    t1, t2 = t1 + one * q[f, n], t2 + two * q[f, n]
-                    e1, e2 = e1 + one * rate[f, n], e2 + two * rate[f, n]
-                o = plus(o, (_MAGNUS * (b1x * t2 - t1 * b2x), _MAGNUS * (b1y * t2 - t1 * b2y), 0.5 * (t1 + t2)))
-                do = plus(
-                    do,
-                    (
-                        _MAGNUS * (d1x * t2 + b1x * e2 - e1 * b2x - t1 * d2x),
-                        _MAGNUS * (d1y * t2 + b1y * e2 - e1 * b2y - t1 * d2y),
-                        0.5 * (e1 + e2),
-                    ),
-                )
-                ddo = (2.0 * _MAGNUS * (d1x * e2 - e1 * d2x), 2.0 * _MAGNUS * (d1y * e2 - e1 * d2y), ddo[2])
-            u, du = dot(o, o), 2.0 * dot(o, do)
-            c1, c2, c3, c4, c5 = stumpff(u)
-            # rows of R [o] and R [o]^2, then of R T
-            ax, ay, az = cross(rx, o), cross(ry, o), cross(rz, o)
-            bx, by, bz = cross(ax, o), cross(ay, o), cross(az, o)
-            tx = combined(1.0, rx, c2, ax, c3, bx)
-            ty = combined(1.0, ry, c2, ay, c3, by)
-            tz = combined(1.0, rz, c2, az, c3, bz)
-            # r = dT/dt do/dt, with dc_k/du = (k c_{k+2} - c_{k+1}) / 2
-            e = cross(o, do)
-            r = combined(c3, cross(do, e), 0.5 * (2.0 * c4 - c3) * du, e, 0.5 * (3.0 * c5 - c4) * du, cross(o, e))
-            own = (dot(tx, do), dot(ty, do), dot(tz, do))
-            own_gain = (dot(rx, r) + dot(tx, ddo), dot(ry, r) + dot(ty, ddo), dot(rz, r) + dot(tz, ddo))
-            gain = combined(1.0, gain, 1.0, own_gain, 1.0, cross(turn, own))
-            turn = plus(turn, own)
-            rx = combined(1.0, rx, c1, ax, c2, bx)
-            ry = combined(1.0, ry, c1, ay, c2, by)
-            rz = combined(1.0, rz, c1, az, c2, bz)
-            t = (rx[2], ry[2], rz[2])
-            here = before + 1
-            swing = cross(turn, t)
-            change = plus(cross(gain, t), cross(turn, swing))
-            for i in range(3):
-                tangent[f, here, i], acceleration[f, here, i] = t[i], change[i]
-            for i in range(modes):
-                one, two = bends[k, 0, i], bends[k, 1, i]
-                mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
-                x_along, y_along = one * b2y - two * b1y, two * b1x - one * b2x  # do/dq along z; across it is z x mean
-                for j in range(2):
-                    n, p, y, z = 2 * i + j, 1 - j, (mean if j == 0 else -mean), (x_along if j == 0 else y_along)
-                    wx = turning[f, before, 0, n] + tx[p] * y + tx[2] * z
-                    wy = turning[f, before, 1, n] + ty[p] * y + ty[2] * z
-                    wz = turning[f, before, 2, n] + tz[p] * y + tz[2] * z
-                    if twisting:
-                        aside = one * t2 - two * t1
-                        wx, wy, wz = wx + tx[j] * aside, wy + ty[j] * aside, wz + tz[j] * aside
-                    _write_column(turning, slope, f, here, n, (wx, wy, wz), t)
-            for i in range(twist_modes):
-                n, one, two = first_twist + i, twists[k, 0, i], twists[k, 1, i]
-                mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
-                v = (two * b1x - one * b2x, two * b1y - one * b2y, mean)
-                w = (
-                    turning[f, before, 0, n] + dot(tx, v),
-                    turning[f, before, 1, n] + dot(ty, v),
-                    turning[f, before, 2, n] + dot(tz, v),
-                )
-                _write_column(turning, slope, f, here, n, w, t)
-            if twisting:
-                _write_spin(motion, f, k, here, first_stretch, t, turn, gain)
-            if stretching:
-                _stretch_director(q, rate, rod, motion, f, k, here, t, swing)
-            before = here
-
-
 @kernel(forceinline=True)
 def _write_column(turning: Array, slope: Array, f: int, row: int, n: int, w: Vector, t: Vector) -> None:
     turning[f, row, 0, n], turning[f, row, 1, n], turning[f, row, 2, n] = w
@@ -404,6 +298,137 @@ def _stretch_director(
             slope[f, row, i, n] *= long
         for n in range(first, columns):
             slope[f, row, i, n] = stretches[k + 1, n - first] * t[i]
+
+
+def _mover(strained: bool) -> Callable[[Array, Array, Rod, Motion], None]:
+    """Compile the motion of rods that only bend, or of all: one for all would cost the former a fifth more."""
+
+    @kernel
+    def move(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
+        bends, twists, stretches = rod.bends, rod.twists, rod.stretches
+        modes, twist_modes, stretch_modes = bends.shape[2], twists.shape[2], stretches.shape[1]
+        first_twist, first_stretch = 2 * modes, 2 * modes + twist_modes
+        stretching = strained and stretch_modes > 0
+        tangent, acceleration, turning, slope = motion.tangent, motion.acceleration, motion.turning, motion.slope
+        for f in range(q.shape[0]):
+            rx, ry, rz = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # rows of R
+            turn, gain = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)  # turning rate of the section, and its rate
+            before = 0  # row of the section before
+            if stretching:
+                before = 1
+                long = 1.0
+                for i in range(stretch_modes):
+                    long += stretches[0, i] * q[f, first_stretch + i]
+                    slope[f, 1, 2, first_stretch + i] = stretches[0, i]
+                tangent[f, 1, 2] = long
+            for k in range(bends.shape[0]):
+                b1x, b1y, b2x, b2y, d1x, d1y, d2x, d2y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                for i in range(modes):
+                    x, y, one, two = 2 * i, 2 * i + 1, bends[k, 0, i], bends[k, 1, i]
+                    b1x, b1y, b2x, b2y = (
+                        b1x + one * q[f, x],
+                        b1y + one * q[f, y],
+                        b2x + two * q[f, x],
+                        b2y + two * q[f, y],
+                    )
+                    d1x, d1y, d2x, d2y = (
+                        d1x + one * rate[f, x],
+                        d1y + one * rate[f, y],
+                        d2x + two * rate[f, x],
+                        d2y + two * rate[f, y],
+                    )
+                o = (-0.5 * (b1y + b2y), 0.5 * (b1x + b2x), _MAGNUS * (b1x * b2y - b1y * b2x))
+                do = (-0.5 * (d1y + d2y), 0.5 * (d1x + d2x), _MAGNUS * (d1x * b2y + b1x * d2y - d1y * b2x - b1y * d2x))
+                ddo = (0.0, 0.0, 2.0 * _MAGNUS * (d1x * d2y - d1y * d2x))
+                t1, t2, e1, e2 = 0.0, 0.0, 0.0, 0.0  # twist and its rate at the Gauss points
+                if strained:
+                    for i in range(twist_modes):
+                        n, one, two = first_twist + i, twists[k, 0, i], twists[k, 1, i]
+                        t1, t2 = t1 + one * q[f, n], t2 + two * q[f, n]
+                        e1, e2 = e1 + one * rate[f, n], e2 + two * rate[f, n]
+                    o = plus(o, (_MAGNUS * (b1x * t2 - t1 * b2x), _MAGNUS * (b1y * t2 - t1 * b2y), 0.5 * (t1 + t2)))
+                    do = plus(
+                        do,
+                        (
+                            _MAGNUS * (d1x * t2 + b1x * e2 - e1 * b2x - t1 * d2x),
+                            _MAGNUS * (d1y * t2 + b1y * e2 - e1 * b2y - t1 * d2y),
+                            0.5 * (e1 + e2),
+                        ),
+                    )
+                    ddo = (2.0 * _MAGNUS * (d1x * e2 - e1 * d2x), 2.0 * _MAGNUS * (d1y * e2 - e1 * d2y), ddo[2])
+                u, du = dot(o, o), 2.0 * dot(o, do)
+                c1, c2, c3, c4, c5 = stumpff(u)
+                # rows of R [o] and R [o]^2, then of R T
+                ax, ay, az = cross(rx, o), cross(ry, o), cross(rz, o)
+                bx, by, bz = cross(ax, o), cross(ay, o), cross(az, o)
+                tx = combined(1.0, rx, c2, ax, c3, bx)
+                ty = combined(1.0, ry, c2, ay, c3, by)
+                tz = combined(1.0, rz, c2, az, c3, bz)
+                # r = dT/dt do/dt, with dc_k/du = (k c_{k+2} - c_{k+1}) / 2
+                e = cross(o, do)
+                r = combined(c3, cross(do, e), 0.5 * (2.0 * c4 - c3) * du, e, 0.5 * (3.0 * c5 - c4) * du, cross(o, e))
+                own = (dot(tx, do), dot(ty, do), dot(tz, do))
+                own_gain = (dot(rx, r) + dot(tx, ddo), dot(ry, r) + dot(ty, ddo), dot(rz, r) + dot(tz, ddo))
+                gain = combined(1.0, gain, 1.0, own_gain, 1.0, cross(turn, own))
+                turn = plus(turn, own)
+                rx = combined(1.0, rx, c1, ax, c2, bx)
+                ry = combined(1.0, ry, c1, ay, c2, by)
+                rz = combined(1.0, rz, c1, az, c2, bz)
+                t = (rx[2], ry[2], rz[2])
+                here = before + 1
+                swing = cross(turn, t)
+                change = plus(cross(gain, t), cross(turn, swing))
+                for i in range(3):
+                    tangent[f, here, i], acceleration[f, here, i] = t[i], change[i]
+                for i in range(modes):
+                    one, two = bends[k, 0, i], bends[k, 1, i]
+                    mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
+                    x_along, y_along = (
+                        one * b2y - two * b1y,
+                        two * b1x - one * b2x,
+                    )  # do/dq along z; across it is z x mean
+                    for j in range(2):
+                        n, p, y, z = 2 * i + j, 1 - j, (mean if j == 0 else -mean), (x_along if j == 0 else y_along)
+                        wx = turning[f, before, 0, n] + tx[p] * y + tx[2] * z
+                        wy = turning[f, before, 1, n] + ty[p] * y + ty[2] * z
+                        wz = turning[f, before, 2, n] + tz[p] * y + tz[2] * z
+                        if strained:
+                            aside = one * t2 - two * t1
+                            wx, wy, wz = wx + tx[j] * aside, wy + ty[j] * aside, wz + tz[j] * aside
+                        _write_column(turning, slope, f, here, n, (wx, wy, wz), t)
+                for i in range(twist_modes):
+                    n, one, two = first_twist + i, twists[k, 0, i], twists[k, 1, i]
+                    mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
+                    v = (two * b1x - one * b2x, two * b1y - one * b2y, mean)
+                    w = (
+                        turning[f, before, 0, n] + dot(tx, v),
+                        turning[f, before, 1, n] + dot(ty, v),
+                        turning[f, before, 2, n] + dot(tz, v),
+                    )
+                    _write_column(turning, slope, f, here, n, w, t)
+                if strained and twist_modes > 0:
+                    _write_spin(motion, f, k, here, first_stretch, t, turn, gain)
+                if stretching:
+                    _stretch_director(q, rate, rod, motion, f, k, here, t, swing)
+                before = here
+
+    return move
+
+
+_move_bending, _move_strained = _mover(False), _mover(True)
+
+
+@kernel(forceinline=True)
+def move_rods(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
+    """Write the motion of all muscles with coordinates q and their rates, shapes (4, D).
+
+    A segment turns at T do/dt seen from its start, T = 1 + c_2 [o] + c_3 [o]^2, and while dq/dt is constant this grows
+    at dT/dt do/dt + T d2o/dt2; only the Magnus term has a second derivative then.
+    """
+    if rod.twists.shape[2] + rod.stretches.shape[1] > 0:
+        _move_strained(q, rate, rod, motion)
+    else:
+        _move_bending(q, rate, rod, motion)
 
 
 @kernel
