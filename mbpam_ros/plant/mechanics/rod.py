@@ -41,6 +41,7 @@ Frame: the clamp's, z along the hanging muscle. Columns of Jacobians: q_0x, q_0y
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -174,8 +175,7 @@ def motion_at_rest(rod: Rod, fingers: int) -> Motion:
 
 def room_for_loads(rod: Rod) -> Array:
     """Return the scratch of :func:`masses_and_loads`."""
-    modes = rod.bends.shape[2]
-    return np.zeros((1 + coordinates_of(rod) - modes, 6 * len(rod.levers)))
+    return np.zeros((1 + (coordinates_of(rod) + 1) // 2, 6 * len(rod.levers) + 2 * len(rod.spins)))
 
 
 def position_weights(
@@ -254,113 +254,6 @@ def stumpff(u: float) -> tuple[float, float, float, float, float]:
     return 1.0 - u * c3, 0.5 - u * c4, c3, c4, c5
 
 
-@kernel
-def move_rods(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
-    """Write the motion of all muscles with coordinates q and their rates, shapes (4, D).
-
-    A segment turns at T do/dt seen from its start, T = 1 + c_2 [o] + c_3 [o]^2, and while dq/dt is constant this grows
-    at dT/dt do/dt + T d2o/dt2; only the Magnus term has a second derivative then.
-    """
-    bends, twists, stretches = rod.bends, rod.twists, rod.stretches
-    modes, twist_modes, stretch_modes = bends.shape[2], twists.shape[2], stretches.shape[1]
-    first_twist, first_stretch = 2 * modes, 2 * modes + twist_modes
-    twisting, stretching = twist_modes > 0, stretch_modes > 0
-    tangent, acceleration, turning, slope = motion.tangent, motion.acceleration, motion.turning, motion.slope
-    for f in range(q.shape[0]):
-        rx, ry, rz = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # rows of R
-        turn, gain = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)  # turning rate of the section, and its rate
-        before = 0  # row of the section before
-        if stretching:
-            before = 1
-            long = 1.0
-            for i in range(stretch_modes):
-                long += stretches[0, i] * q[f, first_stretch + i]
-                slope[f, 1, 2, first_stretch + i] = stretches[0, i]
-            tangent[f, 1, 2] = long
-        for k in range(bends.shape[0]):
-            b1x, b1y, b2x, b2y, d1x, d1y, d2x, d2y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for i in range(modes):
-                x, y, one, two = 2 * i, 2 * i + 1, bends[k, 0, i], bends[k, 1, i]
-                b1x, b1y, b2x, b2y = b1x + one * q[f, x], b1y + one * q[f, y], b2x + two * q[f, x], b2y + two * q[f, y]
-                d1x, d1y, d2x, d2y = (
-                    d1x + one * rate[f, x],
-                    d1y + one * rate[f, y],
-                    d2x + two * rate[f, x],
-                    d2y + two * rate[f, y],
-                )
-            o = (-0.5 * (b1y + b2y), 0.5 * (b1x + b2x), _MAGNUS * (b1x * b2y - b1y * b2x))
-            do = (-0.5 * (d1y + d2y), 0.5 * (d1x + d2x), _MAGNUS * (d1x * b2y + b1x * d2y - d1y * b2x - b1y * d2x))
-            ddo = (0.0, 0.0, 2.0 * _MAGNUS * (d1x * d2y - d1y * d2x))
-            t1, t2, e1, e2 = 0.0, 0.0, 0.0, 0.0  # twist and its rate at the Gauss points
-            if twisting:
-                for i in range(twist_modes):
-                    n, one, two = first_twist + i, twists[k, 0, i], twists[k, 1, i]
-                    t1, t2 = t1 + one * q[f, n], t2 + two * q[f, n]
-                    e1, e2 = e1 + one * rate[f, n], e2 + two * rate[f, n]
-                o = plus(o, (_MAGNUS * (b1x * t2 - t1 * b2x), _MAGNUS * (b1y * t2 - t1 * b2y), 0.5 * (t1 + t2)))
-                do = plus(
-                    do,
-                    (
-                        _MAGNUS * (d1x * t2 + b1x * e2 - e1 * b2x - t1 * d2x),
-                        _MAGNUS * (d1y * t2 + b1y * e2 - e1 * b2y - t1 * d2y),
-                        0.5 * (e1 + e2),
-                    ),
-                )
-                ddo = (2.0 * _MAGNUS * (d1x * e2 - e1 * d2x), 2.0 * _MAGNUS * (d1y * e2 - e1 * d2y), ddo[2])
-            u, du = dot(o, o), 2.0 * dot(o, do)
-            c1, c2, c3, c4, c5 = stumpff(u)
-            # rows of R [o] and R [o]^2, then of R T
-            ax, ay, az = cross(rx, o), cross(ry, o), cross(rz, o)
-            bx, by, bz = cross(ax, o), cross(ay, o), cross(az, o)
-            tx = combined(1.0, rx, c2, ax, c3, bx)
-            ty = combined(1.0, ry, c2, ay, c3, by)
-            tz = combined(1.0, rz, c2, az, c3, bz)
-            # r = dT/dt do/dt, with dc_k/du = (k c_{k+2} - c_{k+1}) / 2
-            e = cross(o, do)
-            r = combined(c3, cross(do, e), 0.5 * (2.0 * c4 - c3) * du, e, 0.5 * (3.0 * c5 - c4) * du, cross(o, e))
-            own = (dot(tx, do), dot(ty, do), dot(tz, do))
-            own_gain = (dot(rx, r) + dot(tx, ddo), dot(ry, r) + dot(ty, ddo), dot(rz, r) + dot(tz, ddo))
-            gain = combined(1.0, gain, 1.0, own_gain, 1.0, cross(turn, own))
-            turn = plus(turn, own)
-            rx = combined(1.0, rx, c1, ax, c2, bx)
-            ry = combined(1.0, ry, c1, ay, c2, by)
-            rz = combined(1.0, rz, c1, az, c2, bz)
-            t = (rx[2], ry[2], rz[2])
-            here = before + 1
-            swing = cross(turn, t)
-            change = plus(cross(gain, t), cross(turn, swing))
-            for i in range(3):
-                tangent[f, here, i], acceleration[f, here, i] = t[i], change[i]
-            for i in range(modes):
-                one, two = bends[k, 0, i], bends[k, 1, i]
-                mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
-                x_along, y_along = one * b2y - two * b1y, two * b1x - one * b2x  # do/dq along z; across it is z x mean
-                for j in range(2):
-                    n, p, y, z = 2 * i + j, 1 - j, (mean if j == 0 else -mean), (x_along if j == 0 else y_along)
-                    wx = turning[f, before, 0, n] + tx[p] * y + tx[2] * z
-                    wy = turning[f, before, 1, n] + ty[p] * y + ty[2] * z
-                    wz = turning[f, before, 2, n] + tz[p] * y + tz[2] * z
-                    if twisting:
-                        aside = one * t2 - two * t1
-                        wx, wy, wz = wx + tx[j] * aside, wy + ty[j] * aside, wz + tz[j] * aside
-                    _write_column(turning, slope, f, here, n, (wx, wy, wz), t)
-            for i in range(twist_modes):
-                n, one, two = first_twist + i, twists[k, 0, i], twists[k, 1, i]
-                mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
-                v = (two * b1x - one * b2x, two * b1y - one * b2y, mean)
-                w = (
-                    turning[f, before, 0, n] + dot(tx, v),
-                    turning[f, before, 1, n] + dot(ty, v),
-                    turning[f, before, 2, n] + dot(tz, v),
-                )
-                _write_column(turning, slope, f, here, n, w, t)
-            if twisting:
-                _write_spin(motion, f, k, here, first_stretch, t, turn, gain)
-            if stretching:
-                _stretch_director(q, rate, rod, motion, f, k, here, t, swing)
-            before = here
-
-
 @kernel(forceinline=True)
 def _write_column(turning: Array, slope: Array, f: int, row: int, n: int, w: Vector, t: Vector) -> None:
     turning[f, row, 0, n], turning[f, row, 1, n], turning[f, row, 2, n] = w
@@ -369,7 +262,7 @@ def _write_column(turning: Array, slope: Array, f: int, row: int, n: int, w: Vec
     slope[f, row, 2, n] = w[0] * t[1] - w[1] * t[0]
 
 
-@kernel
+@kernel(forceinline=True)
 def _write_spin(motion: Motion, f: int, k: int, row: int, columns: int, t: Vector, turn: Vector, gain: Vector) -> None:
     """Write spin and its load of point k + 1; the first ``columns`` coordinates turn it."""
     turning, spin, load = motion.turning[f, row], motion.spin[f, k], motion.spin_load[f, k]
@@ -380,7 +273,7 @@ def _write_spin(motion: Motion, f: int, k: int, row: int, columns: int, t: Vecto
         spin[n], load[1 + n] = dot(t, w), rate * dot(across, w)  # t.(w x W) = (t x w).W
 
 
-@kernel
+@kernel(forceinline=True)
 def _stretch_director(
     q: Array, rate: Array, rod: Rod, motion: Motion, f: int, k: int, row: int, t: Vector, swing: Vector
 ) -> None:
@@ -407,18 +300,153 @@ def _stretch_director(
             slope[f, row, i, n] = stretches[k + 1, n - first] * t[i]
 
 
+def _mover(strained: bool) -> Callable[[Array, Array, Rod, Motion], None]:
+    """Compile the motion of rods that only bend, or of all: one for all would cost the former a fifth more."""
+
+    @kernel
+    def move(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
+        bends, twists, stretches = rod.bends, rod.twists, rod.stretches
+        modes, twist_modes, stretch_modes = bends.shape[2], twists.shape[2], stretches.shape[1]
+        first_twist, first_stretch = 2 * modes, 2 * modes + twist_modes
+        stretching = strained and stretch_modes > 0
+        tangent, acceleration, turning, slope = motion.tangent, motion.acceleration, motion.turning, motion.slope
+        for f in range(q.shape[0]):
+            rx, ry, rz = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # rows of R
+            turn, gain = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)  # turning rate of the section, and its rate
+            before = 0  # row of the section before
+            if stretching:
+                before = 1
+                long = 1.0
+                for i in range(stretch_modes):
+                    long += stretches[0, i] * q[f, first_stretch + i]
+                    slope[f, 1, 2, first_stretch + i] = stretches[0, i]
+                tangent[f, 1, 2] = long
+            for k in range(bends.shape[0]):
+                b1x, b1y, b2x, b2y, d1x, d1y, d2x, d2y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                for i in range(modes):
+                    x, y, one, two = 2 * i, 2 * i + 1, bends[k, 0, i], bends[k, 1, i]
+                    b1x, b1y, b2x, b2y = (
+                        b1x + one * q[f, x],
+                        b1y + one * q[f, y],
+                        b2x + two * q[f, x],
+                        b2y + two * q[f, y],
+                    )
+                    d1x, d1y, d2x, d2y = (
+                        d1x + one * rate[f, x],
+                        d1y + one * rate[f, y],
+                        d2x + two * rate[f, x],
+                        d2y + two * rate[f, y],
+                    )
+                o = (-0.5 * (b1y + b2y), 0.5 * (b1x + b2x), _MAGNUS * (b1x * b2y - b1y * b2x))
+                do = (-0.5 * (d1y + d2y), 0.5 * (d1x + d2x), _MAGNUS * (d1x * b2y + b1x * d2y - d1y * b2x - b1y * d2x))
+                ddo = (0.0, 0.0, 2.0 * _MAGNUS * (d1x * d2y - d1y * d2x))
+                t1, t2, e1, e2 = 0.0, 0.0, 0.0, 0.0  # twist and its rate at the Gauss points
+                if strained:
+                    for i in range(twist_modes):
+                        n, one, two = first_twist + i, twists[k, 0, i], twists[k, 1, i]
+                        t1, t2 = t1 + one * q[f, n], t2 + two * q[f, n]
+                        e1, e2 = e1 + one * rate[f, n], e2 + two * rate[f, n]
+                    o = plus(o, (_MAGNUS * (b1x * t2 - t1 * b2x), _MAGNUS * (b1y * t2 - t1 * b2y), 0.5 * (t1 + t2)))
+                    do = plus(
+                        do,
+                        (
+                            _MAGNUS * (d1x * t2 + b1x * e2 - e1 * b2x - t1 * d2x),
+                            _MAGNUS * (d1y * t2 + b1y * e2 - e1 * b2y - t1 * d2y),
+                            0.5 * (e1 + e2),
+                        ),
+                    )
+                    ddo = (2.0 * _MAGNUS * (d1x * e2 - e1 * d2x), 2.0 * _MAGNUS * (d1y * e2 - e1 * d2y), ddo[2])
+                u, du = dot(o, o), 2.0 * dot(o, do)
+                c1, c2, c3, c4, c5 = stumpff(u)
+                # rows of R [o] and R [o]^2, then of R T
+                ax, ay, az = cross(rx, o), cross(ry, o), cross(rz, o)
+                bx, by, bz = cross(ax, o), cross(ay, o), cross(az, o)
+                tx = combined(1.0, rx, c2, ax, c3, bx)
+                ty = combined(1.0, ry, c2, ay, c3, by)
+                tz = combined(1.0, rz, c2, az, c3, bz)
+                # r = dT/dt do/dt, with dc_k/du = (k c_{k+2} - c_{k+1}) / 2
+                e = cross(o, do)
+                r = combined(c3, cross(do, e), 0.5 * (2.0 * c4 - c3) * du, e, 0.5 * (3.0 * c5 - c4) * du, cross(o, e))
+                own = (dot(tx, do), dot(ty, do), dot(tz, do))
+                own_gain = (dot(rx, r) + dot(tx, ddo), dot(ry, r) + dot(ty, ddo), dot(rz, r) + dot(tz, ddo))
+                gain = combined(1.0, gain, 1.0, own_gain, 1.0, cross(turn, own))
+                turn = plus(turn, own)
+                rx = combined(1.0, rx, c1, ax, c2, bx)
+                ry = combined(1.0, ry, c1, ay, c2, by)
+                rz = combined(1.0, rz, c1, az, c2, bz)
+                t = (rx[2], ry[2], rz[2])
+                here = before + 1
+                swing = cross(turn, t)
+                change = plus(cross(gain, t), cross(turn, swing))
+                for i in range(3):
+                    tangent[f, here, i], acceleration[f, here, i] = t[i], change[i]
+                for i in range(modes):
+                    one, two = bends[k, 0, i], bends[k, 1, i]
+                    mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
+                    x_along, y_along = (
+                        one * b2y - two * b1y,
+                        two * b1x - one * b2x,
+                    )  # do/dq along z; across it is z x mean
+                    for j in range(2):
+                        n, p, y, z = 2 * i + j, 1 - j, (mean if j == 0 else -mean), (x_along if j == 0 else y_along)
+                        wx = turning[f, before, 0, n] + tx[p] * y + tx[2] * z
+                        wy = turning[f, before, 1, n] + ty[p] * y + ty[2] * z
+                        wz = turning[f, before, 2, n] + tz[p] * y + tz[2] * z
+                        if strained:
+                            aside = one * t2 - two * t1
+                            wx, wy, wz = wx + tx[j] * aside, wy + ty[j] * aside, wz + tz[j] * aside
+                        _write_column(turning, slope, f, here, n, (wx, wy, wz), t)
+                for i in range(twist_modes):
+                    n, one, two = first_twist + i, twists[k, 0, i], twists[k, 1, i]
+                    mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
+                    v = (two * b1x - one * b2x, two * b1y - one * b2y, mean)
+                    w = (
+                        turning[f, before, 0, n] + dot(tx, v),
+                        turning[f, before, 1, n] + dot(ty, v),
+                        turning[f, before, 2, n] + dot(tz, v),
+                    )
+                    _write_column(turning, slope, f, here, n, w, t)
+                if strained and twist_modes > 0:
+                    _write_spin(motion, f, k, here, first_stretch, t, turn, gain)
+                if stretching:
+                    _stretch_director(q, rate, rod, motion, f, k, here, t, swing)
+                before = here
+
+    return move
+
+
+_move_bending, _move_strained = _mover(False), _mover(True)
+
+
+@kernel(forceinline=True)
+def move_rods(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
+    """Write the motion of all muscles with coordinates q and their rates, shapes (4, D).
+
+    A segment turns at T do/dt seen from its start, T = 1 + c_2 [o] + c_3 [o]^2, and while dq/dt is constant this grows
+    at dT/dt do/dt + T d2o/dt2; only the Magnus term has a second derivative then.
+    """
+    if rod.twists.shape[2] + rod.stretches.shape[1] > 0:
+        _move_strained(q, rate, rod, motion)
+    else:
+        _move_bending(q, rate, rod, motion)
+
+
 @kernel
 def masses_and_loads(rod: Rod, motion: Motion, gravity: Vector, work: Array, mass: Array, load: Array) -> None:
     """Write mass matrices (4, D, D) and loads (4, D) of gravity less velocity terms of all muscles, SI.
 
     ``gravity`` [m/s2] is that in the (accelerated) clamp frame. With J_k = dd_k/dq, a_k the acceleration of d_k while
-    dq/dt is constant and the factor C of G: mass = Z^T Z, load = sum_k W_k g^T J_k - Z^T C a, Z = C J; and the spins'.
+    dq/dt is constant and the factor C of G: mass = Z^T Z, load = sum_k W_k g^T J_k - Z^T C a, Z = C J; a spin is a row
+    of Z with sqrt(J) for C. Columns are taken in pairs, whose sums do not wait for each other; of an odd number of
+    columns the last one is its own neighbour.
 
     Args:
         work: scratch, of :func:`room_for_loads`.
     """
-    directors, modes, inertia, levers = rod.inertia.shape[0], rod.bends.shape[2], rod.inertia, rod.levers
-    slope, acceleration = motion.slope, motion.acceleration
+    directors, inertia, levers, spins = rod.inertia.shape[0], rod.inertia, rod.levers, rod.spins
+    slope, acceleration, columns = motion.slope, motion.acceleration, load.shape[1]
+    pairs = (columns + 1) // 2
+    rows = 6 * directors + 2 * spins.shape[0]
     for finger in range(load.shape[0]):
         for k in range(directors):
             ax, ay, az = 0.0, 0.0, 0.0
@@ -427,9 +455,10 @@ def masses_and_loads(rod: Rod, motion: Motion, gravity: Vector, work: Array, mas
                 ax += share * acceleration[finger, n + 1, 0]
                 ay += share * acceleration[finger, n + 1, 1]
                 az += share * acceleration[finger, n + 1, 2]
-            work[modes, 3 * k], work[modes, 3 * k + 1], work[modes, 3 * k + 2] = ax, ay, az
-        for i in range(modes):
-            x, y, load_x, load_y = 2 * i, 2 * i + 1, 0.0, 0.0
+            work[pairs, 3 * k], work[pairs, 3 * k + 1], work[pairs, 3 * k + 2] = ax, ay, az
+        for i in range(pairs):
+            x, load_x, load_y = 2 * i, 0.0, 0.0
+            y = min(x + 1, columns - 1)
             for k in range(directors):
                 xx, yx, zx, xy, yy, zy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # rows of Z: axis, column
                 for n in range(k, directors):
@@ -439,21 +468,25 @@ def masses_and_loads(rod: Rod, motion: Motion, gravity: Vector, work: Array, mas
                     zx, zy = zx + share * slope[finger, n + 1, 2, x], zy + share * slope[finger, n + 1, 2, y]
                 work[i, 6 * k], work[i, 6 * k + 1], work[i, 6 * k + 2] = xx, xy, yx
                 work[i, 6 * k + 3], work[i, 6 * k + 4], work[i, 6 * k + 5] = yy, zx, zy
-                ax, ay, az = work[modes, 3 * k], work[modes, 3 * k + 1], work[modes, 3 * k + 2]
+                ax, ay, az = work[pairs, 3 * k], work[pairs, 3 * k + 1], work[pairs, 3 * k + 2]
                 weight = times(levers[k], gravity)
                 load_x += _work_of(weight, slope[finger, k + 1], x) - xx * ax - yx * ay - zx * az
                 load_y += _work_of(weight, slope[finger, k + 1], y) - xy * ax - yy * ay - zy * az
+            for k in range(spins.shape[0]):
+                root, spin, spin_load = math.sqrt(spins[k]), motion.spin[finger, k], motion.spin_load[finger, k]
+                work[i, 6 * directors + 2 * k], work[i, 6 * directors + 2 * k + 1] = root * spin[x], root * spin[y]
+                load_x -= spins[k] * (spin[x] * spin_load[0] - spin_load[1 + x])
+                load_y -= spins[k] * (spin[y] * spin_load[0] - spin_load[1 + y])
             load[finger, x], load[finger, y] = load_x, load_y
             for j in range(i + 1):
                 xx, xy, yx, yy = 0.0, 0.0, 0.0, 0.0
-                for r in range(0, 6 * directors, 2):
+                for r in range(0, rows, 2):
                     ix, iy, jx, jy = work[i, r], work[i, r + 1], work[j, r], work[j, r + 1]
                     xx, xy, yx, yy = xx + ix * jx, xy + ix * jy, yx + iy * jx, yy + iy * jy
-                v, w = 2 * j, 2 * j + 1
+                v = 2 * j
+                w = min(v + 1, columns - 1)
                 mass[finger, x, v], mass[finger, x, w], mass[finger, y, v], mass[finger, y, w] = xx, xy, yx, yy
                 mass[finger, v, x], mass[finger, w, x], mass[finger, v, y], mass[finger, w, y] = xx, xy, yx, yy
-        if load.shape[1] > 2 * modes:
-            _twist_and_stretch(rod, motion, gravity, finger, work, mass[finger], load[finger])
 
 
 @kernel(forceinline=True)
@@ -461,41 +494,6 @@ def _work_of(weight: Vector, slope: Array, column: int) -> float:
     """Along z first: where gravity is along it, no digit changes."""
     work: float = weight[2] * slope[2, column] + (weight[0] * slope[0, column] + weight[1] * slope[1, column])
     return work
-
-
-@kernel
-def _twist_and_stretch(
-    rod: Rod, motion: Motion, gravity: Vector, finger: int, work: Array, mass: Array, load: Array
-) -> None:
-    """Add the rows and columns of twist and stretch, and the spins to all."""
-    directors, modes, columns = rod.inertia.shape[0], rod.bends.shape[2], load.shape[0]
-    slope = motion.slope[finger]
-    for m in range(2 * modes, columns):
-        here, total = modes + 1 + m - 2 * modes, 0.0  # row of ``work``: Z's column, by director and axis
-        for k in range(directors):
-            for i in range(3):
-                z = 0.0
-                for n in range(k, directors):
-                    z += rod.inertia[k, n] * slope[n + 1, i, m]
-                work[here, 3 * k + i] = z
-                total += rod.levers[k] * gravity[i] * slope[k + 1, i, m] - z * work[modes, 3 * k + i]
-        load[m] = total
-        for j in range(modes):
-            x, y = 0.0, 0.0
-            for r in range(3 * directors):
-                x, y = x + work[here, r] * work[j, 2 * r], y + work[here, r] * work[j, 2 * r + 1]
-            mass[m, 2 * j], mass[2 * j, m], mass[m, 2 * j + 1], mass[2 * j + 1, m] = x, x, y, y
-        for j in range(2 * modes, m + 1):
-            there, z = modes + 1 + j - 2 * modes, 0.0
-            for r in range(3 * directors):
-                z += work[here, r] * work[there, r]
-            mass[m, j], mass[j, m] = z, z
-    for k in range(rod.spins.shape[0]):
-        spin, spin_load, inertia = motion.spin[finger, k], motion.spin_load[finger, k], rod.spins[k]
-        for m in range(columns):
-            load[m] -= inertia * (spin[m] * spin_load[0] - spin_load[1 + m])
-            for j in range(columns):
-                mass[m, j] += inertia * spin[m] * spin[j]
 
 
 @kernel(forceinline=True)
