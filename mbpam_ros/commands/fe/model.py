@@ -34,7 +34,7 @@ def add_mesh(parser: argparse.ArgumentParser) -> None:
         dest="mesh",
         action="store_const",
         const=FAST_MESH,
-        help=f"the mesh {FAST_MESH}: fast, bends 16 to 25 %% too little, so the wall is {FAST_WALL_MM:g} mm",
+        help=f"the mesh {FAST_MESH}: fast, bends 5 to 25 %% too little, so the wall is {FAST_WALL_MM:g} mm",
     )
 
 

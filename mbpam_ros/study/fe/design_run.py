@@ -45,7 +45,7 @@ MESHES = {
     "coarse": Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2),
 }
 """Meshes by name. ``quadratic`` (20-node elements, reduced integration) is the default; what is left of its error says
-``mbpam fe mesh``. ``trilinear`` (8-node elements with mean dilatation) is fast and bends 16 to 25 % too little; with a
+``mbpam fe mesh``. ``trilinear`` (8-node elements with mean dilatation) is fast and bends 5 to 25 % too little; with a
 wall of :data:`FAST_WALL_MM` it returns the paper's bends as well. ``tetrahedra`` cuts each of its hexahedra into 24
 linear ones with one mean dilatation, for the paper's hybrid tetrahedra. ``coarse`` is for trying things out."""
 

@@ -186,7 +186,7 @@ CONVERGED = Resolution(wave=10, wall=2, arm=2, spoke=3, sector=3, quadratic=True
 """The default of the unit cell: within 1 % of the free bend of finer ones (``mbpam fe mesh``)."""
 
 FAST = Resolution(wave=8, wall=2, arm=2, spoke=4, sector=3)
-"""Trilinear, five times as fast; with the same wall it bends 16 to 25 % too little."""
+"""Trilinear, five times as fast; with the same wall it bends 5 to 25 % too little."""
 
 
 @dataclass(frozen=True, eq=False)

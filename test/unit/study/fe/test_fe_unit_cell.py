@@ -233,10 +233,10 @@ def test_both_sparse_solvers_find_the_same_bend(bent):
 
 
 def test_a_pressure_out_of_reach_is_an_error_that_says_how_far_it_went():
-    cell = UnitCell(CellGeometry(), "pdc", SMALL, control=StepControl(smallest_step=0.02))
+    cell = UnitCell(CellGeometry(), "pdc", SMALL, control=StepControl(smallest_step=0.05))
     with pytest.raises(LoadStepError, match="stopped at .* kPa") as caught:
-        cell.free_bend(0.3)
-    assert 1e3 * PRESSURE_MPA < caught.value.reached < 300.0
+        cell.free_bend(0.4)
+    assert 1e3 * PRESSURE_MPA < caught.value.reached < 400.0
 
 
 def test_the_law_is_zero_at_the_free_bend_and_reaches_the_moments_asked_for(pdc, bent):
