@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     add_result(parser, "where the states go")
     add_muscle_model(parser)
+    parser.add_argument("--path", choices=list(PATHS), action="append", help="one way; may be repeated (default: all)")
     add_workers(parser)
 
 
@@ -29,5 +30,6 @@ def run(options: argparse.Namespace) -> int:
     """Run the paths that FILE's neighbour does not hold."""
     model, progress = muscle_model(options), Progress()
     check_result(options.json)
-    with executor_for(options, len(PATHS)) as executor:
-        return status_of(state_set(model, options.json, executor, progress))
+    paths = {name: PATHS[name] for name in options.path or PATHS}
+    with executor_for(options, len(paths)) as executor:
+        return status_of(state_set(model, options.json, executor, progress, paths))

@@ -148,14 +148,15 @@ def state_set(
     interrupted call leaves the states of those in ``path``, too.
 
     Args:
-        paths: by name; default :data:`PATHS`.
+        paths: by name; default :data:`PATHS`. Others that the file beside it holds are kept.
 
     Raises:
         ResultFileError: the file beside it is none of this command.
     """
     paths = PATHS if paths is None else paths
     results = ResultFile(path.with_name(f"{path.stem}_paths.json"), model.settings(), "paths", lambda row: row["path"])
-    jobs = {name: (name, model, each) for name, each in paths.items()}
+    wanted = {name: (name, model, each) for name, each in paths.items()}
+    jobs = {**{name: () for name in results.rows if name not in wanted}, **wanted}
     failures: dict[str, str] = {}
     try:
         failures = run_jobs(

@@ -167,11 +167,15 @@ def test_the_verb_writes_the_state_with_its_model(tmp_path, monkeypatch, capsys)
 
 
 def test_the_verb_of_the_set_writes_its_states_and_says_what_it_did(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(state_set, "PATHS", {"level": TWO_WAYS["level"]})
+    monkeypatch.setattr("mbpam_ros.commands.fe.states.PATHS", TWO_WAYS)
     monkeypatch.setattr("mbpam_ros.commands.fe.states.muscle_model", lambda options: SHORT)
     path = tmp_path / "states.json"
-    assert main(["fe", "states", "--workers", "1", "--json", str(path)]) == 0
+    command = ["fe", "states", "--workers", "1", "--json", str(path), "--path"]
+    assert main([*command, "level"]) == 0
     assert [row["tip_torque_n_mm"] for row in read_states(path).rows] == [0.0, 5.0]
+    monkeypatch.setitem(TWO_WAYS, "up", LoadPath("pdc", HANGING, {30.0: ()}))
+    assert main([*command, "up"]) == 0
+    assert sorted(row["path"] for row in read_states(path).rows) == ["level", "level", "up"]
     assert "[1/1] level: 2 states" in capsys.readouterr().out
 
 
