@@ -8,10 +8,11 @@ pytest.importorskip("felupe")
 
 from mbpam_ros.configuration import config_path
 from mbpam_ros.study.fe import unequal_pressures
-from mbpam_ros.study.fe.design_run import Run, fast_reading, settings
+from mbpam_ros.study.fe.design_run import Run, settings
 from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
 from mbpam_ros.study.fe.unequal_pressures import PRESSURES_KPA, SHARES, section_for, unequal_rows
 
+DEFAULT = Run(CellGeometry(), "psc")
 SMALL = Run(CellGeometry(), "psc", Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2))
 STORED = json.loads(config_path("data/fe_unequal_pressures.json").read_text(encoding="utf-8"))
 
@@ -43,17 +44,17 @@ def test_the_same_pressures_bend_the_whole_and_the_half_section_alike(monkeypatc
         assert math.atan2(*half[name][::-1]) == pytest.approx(math.radians(-135.0), abs=1e-6)
 
 
-def test_the_stored_sets_are_all_there_and_from_the_fast_mesh():
+def test_the_stored_sets_are_all_there_and_from_the_default_mesh():
     wanted = [(list(shares), pressure) for shares in SHARES for pressure in PRESSURES_KPA]
     assert [(row["shares"], row["p_kpa"]) for row in STORED["rows"]] == wanted
-    for key, value in settings(fast_reading("psc")).items():
+    for key, value in settings(DEFAULT).items():
         if key != "versions":
             assert STORED["settings"][key] == value, key
 
 
-def test_the_stored_set_of_two_opposite_chambers_is_what_the_fast_mesh_gives(monkeypatch):
+def test_the_stored_set_of_two_opposite_chambers_is_what_the_default_mesh_gives(monkeypatch):
     monkeypatch.setattr(unequal_pressures, "PRESSURES_KPA", (60.0,))
-    row = unequal_rows(fast_reading("psc"), (1.0, 0.0, 0.5, 0.0))[0]
+    row = unequal_rows(DEFAULT, (1.0, 0.0, 0.5, 0.0))[0]
     stored = next(row for row in STORED["rows"] if row["shares"] == [1.0, 0.0, 0.5, 0.0])
     for name in ("straight_moment_n_mm", "free_bend_deg"):
         np.testing.assert_allclose(row[name], stored[name], rtol=1e-5)
