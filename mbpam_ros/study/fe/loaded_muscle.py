@@ -32,10 +32,10 @@ MESHES = {
     "light": Resolution(wave=6, wall=1, arm=1, spoke=2, sector=2, quadratic=True),
     "coarse": Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2),
 }
-"""Meshes of all of the muscle by name. ``converged`` bends within 1 % of the unit cell's law at 80 and 100 kPa (by 2.5 to
-4 % less at 50), ``medium``, with one element through the wall, 2 % further. ``light`` costs a fifth and bends 0.7 %
-further at 100 kPa, 2 % less at 80, but is not for one chamber between 65 and 85 kPa: with one reduced element across
-half an arm the cross buckles there aside, as it does not with two. ``coarse`` is to try things."""
+"""Meshes of all of the muscle by name. ``converged`` bends within 1.5 % of the unit cell's law at 80 and 100 kPa (2.5 to
+4 % less at 50); ``medium``, with one element through the wall, bends 2 % further. ``light`` costs a fifth and bends
+0.7 % further at 100 kPa, 2 % less at 80, but is not for one chamber between 65 and 85 kPa: with one reduced element
+across half an arm the cross buckles there aside, as it does not with two. ``coarse`` is to try things."""
 
 WALL_MM = 2.3
 """Wall c that returns the paper's bends with 20-node elements, as 2.1 mm does with the unit cell's default mesh."""
