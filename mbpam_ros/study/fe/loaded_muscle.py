@@ -32,7 +32,7 @@ MESHES = {
     "light": Resolution(wave=6, wall=1, arm=1, spoke=2, sector=2, quadratic=True),
     "coarse": Resolution(wave=4, wall=1, arm=2, spoke=2, sector=2),
 }
-"""Meshes of all of the muscle by name. ``converged`` bends within 1.5 % of the unit cell's law at 80 and 100 kPa (2.5 to
+"""Meshes of all of the muscle by name. ``converged`` bends within 1.5 % of the law at 80 and 100 kPa (2.5 to
 4 % less at 50); ``medium``, with one element through the wall, bends 2 % further. ``light`` costs a fifth and bends
 0.7 % further at 100 kPa, 2 % less at 80, but is not for one chamber between 65 and 85 kPa: with one reduced element
 across half an arm the cross buckles there aside, as it does not with two. ``coarse`` is to try things."""
