@@ -23,12 +23,6 @@ TWIST_MODES = STRETCH_MODES = 2
 """Modes of a strain that a scene asks for."""
 
 
-def strains_of(twist_modes: int, stretch_modes: int) -> tuple[str, ...]:
-    """Return the strains that have modes; bend always has."""
-    modes = {"bend": 1, "twist": twist_modes, "stretch": stretch_modes}
-    return tuple(strain for strain in STRAINS if modes[strain])
-
-
 ALL_FINGERS = tuple(range(1, FINGER_COUNT + 1))
 """Numbers of the fingers."""
 
@@ -66,7 +60,8 @@ class Fidelity:
     @property
     def strains(self) -> tuple[str, ...]:
         """What the muscles do, some of :data:`STRAINS` in their order."""
-        return strains_of(self.twist_modes, self.stretch_modes)
+        modes = {"bend": self.modes, "twist": self.twist_modes, "stretch": self.stretch_modes}
+        return tuple(strain for strain in STRAINS if strain == "bend" or modes[strain])
 
     def __post_init__(self) -> None:
         require_positive(self, "sub_step_s", "largest_jump_pct")

@@ -396,16 +396,17 @@ def _mover(strained: bool) -> Callable[[Array, Array, Rod, Motion], None]:
                             aside = one * t2 - two * t1
                             wx, wy, wz = wx + tx[j] * aside, wy + ty[j] * aside, wz + tz[j] * aside
                         _write_column(turning, slope, f, here, n, (wx, wy, wz), t)
-                for i in range(twist_modes):
-                    n, one, two = first_twist + i, twists[k, 0, i], twists[k, 1, i]
-                    mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
-                    v = (two * b1x - one * b2x, two * b1y - one * b2y, mean)
-                    w = (
-                        turning[f, before, 0, n] + dot(tx, v),
-                        turning[f, before, 1, n] + dot(ty, v),
-                        turning[f, before, 2, n] + dot(tz, v),
-                    )
-                    _write_column(turning, slope, f, here, n, w, t)
+                if strained:
+                    for i in range(twist_modes):
+                        n, one, two = first_twist + i, twists[k, 0, i], twists[k, 1, i]
+                        mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
+                        v = (two * b1x - one * b2x, two * b1y - one * b2y, mean)
+                        w = (
+                            turning[f, before, 0, n] + dot(tx, v),
+                            turning[f, before, 1, n] + dot(ty, v),
+                            turning[f, before, 2, n] + dot(tz, v),
+                        )
+                        _write_column(turning, slope, f, here, n, w, t)
                 if strained and twist_modes > 0:
                     _write_spin(motion, f, k, here, first_stretch, t, turn, gain)
                 if stretching:

@@ -19,7 +19,6 @@ from mbpam_ros.study.muscle_states import PATTERN_SHARES
 Vector = tuple[float, float, float]
 
 NOTHING: Vector = (0.0, 0.0, 0.0)
-HANGING: Vector = (0.0, 0.0, GRAVITY_M_S2)
 UPRIGHT: Vector = (0.0, 0.0, -GRAVITY_M_S2)
 LEVEL: Vector = (GRAVITY_M_S2, 0.0, 0.0)
 

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.actuator.elastic_rod import HANGING
 from mbpam_ros.study.fe.loaded_muscle import S_PER_STATE, LoadedMuscle, MuscleModel
-from mbpam_ros.study.fe.muscle_loads import HANGING, LEVEL, NOTHING, UPRIGHT, Vector
+from mbpam_ros.study.fe.muscle_loads import LEVEL, NOTHING, UPRIGHT, Vector
 from mbpam_ros.study.fe.solve import LoadStepError
 from mbpam_ros.study.jobs import ResultFile, run_jobs
 from mbpam_ros.study.muscle_states import MuscleState

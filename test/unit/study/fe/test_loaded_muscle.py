@@ -7,12 +7,13 @@ import pytest
 
 pytest.importorskip("felupe")
 
+from mbpam_ros.actuator.elastic_rod import HANGING
 from mbpam_ros.commands.mbpam import main
 from mbpam_ros.study.executors import ThisProcess
 from mbpam_ros.study.fe import state_set
 from mbpam_ros.study.fe.loaded_muscle import LoadedMuscle, MuscleModel, loads_of
 from mbpam_ros.study.fe.mesh import CellGeometry
-from mbpam_ros.study.fe.muscle_loads import HANGING, LEVEL, NOTHING, MuscleLoads
+from mbpam_ros.study.fe.muscle_loads import LEVEL, NOTHING, MuscleLoads
 from mbpam_ros.study.fe.solve import LoadStepError
 from mbpam_ros.study.fe.state_set import PATHS, LoadPath, TipLoad
 from mbpam_ros.study.fe.whole_muscle import WholeMuscle
