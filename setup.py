@@ -106,8 +106,8 @@ setup(
     zip_safe=True,
     entry_points={
         "console_scripts": [
-            f"mbpam = {PACKAGE}.commands.mbpam:main",
-            *(f"mbpam_{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
+            f"mbpam = {PACKAGE}.commands.start:mbpam",
+            *(f"mbpam_{node} = {PACKAGE}.nodes.start:{node}" for node in NODES),
         ]
     },
 )

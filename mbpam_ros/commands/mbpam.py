@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn, Protocol, cast
 
+from mbpam_ros.commands.interrupt import INTERRUPTED, interrupt_ends_it
 from mbpam_ros.commands.verb import Verb
 from mbpam_ros.errors import MbpamError
 
@@ -31,8 +32,6 @@ VERBS = (
     Verb("bench", "CPU and latency of the running nodes, beside their budgets", "bench"),
     Verb("first-grasps", "how long the valves are left alone in the first grasp after a start", "first_grasps"),
 )
-
-INTERRUPTED = 130
 
 EXTRAS = {"rclpy": "ros", "domain_coordinator": "ros", "psutil": "bench", "felupe": "fem"}
 """Which extra of the package installs what a verb may miss."""
@@ -76,7 +75,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         while True:
             verb = _chosen(program, description, verbs, given[:1])
             program, given = f"{program} {verb.name}", given[1:]
-            module = importlib.import_module(f"mbpam_ros.commands.{verb.module}")
+            with interrupt_ends_it(program):
+                module = importlib.import_module(f"mbpam_ros.commands.{verb.module}")
             if not hasattr(module, "VERBS"):
                 break
             verbs, description = module.VERBS, module.__doc__
