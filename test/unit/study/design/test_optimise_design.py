@@ -157,6 +157,8 @@ def test_an_optimisation_goes_on_from_what_its_file_holds(monkeypatch, tmp_path)
     path.unlink()
     kept["runs"] = [row for row in kept["runs"] if row["job"] != "mopso, seed 1"]
     (tmp_path / "front_runs.json").write_text(json.dumps(kept))
+    sigma = {key: value for key, value in json.loads(whole)["chosen"].items() if "sigma" in key}
+    monkeypatch.setattr(optimise_design, "sigma_values", lambda *_: sigma)
     run, run_anew = optimise_design.optimise, []
     monkeypatch.setattr(optimise_design, "optimise", lambda *wanted: run_anew.append(wanted[2:]) or run(*wanted))
     assert main(command) == 0
