@@ -11,13 +11,15 @@ from typing import Any
 
 import yaml
 
+from mbpam_ros.errors import MbpamError
+
 LARGEST_FILE_BYTES = 1_000_000
 DEEPEST_NESTING = 20
 MOST_NODES = 10_000
 """Values and keys of a file, those of aliases counted where they are used. The largest of ours has 300."""
 
 
-class YamlError(ValueError):
+class YamlError(MbpamError, ValueError):
     """The text is not YAML, or is more or other than a configuration may be; one line, with the line number."""
 
     def __init__(self, message: str, mark: yaml.Mark | None = None) -> None:

@@ -19,7 +19,7 @@ MACHINE = GROUND | {"actuator", "pneumatics", "gripper"}
 ALLOWED = {
     "errors": set(),
     "answer": set(),
-    "bounded_yaml": set(),
+    "bounded_yaml": {"errors"},
     "configuration": {"errors", "bounded_yaml"},
     "geometry": set(),
     "actuator": GROUND,
