@@ -308,7 +308,7 @@ def _take_lanes(values: Array, lanes: Array, fingers: int) -> None:
             lanes[i, f] = values[f * size + i]
 
 
-@piece
+@kernel
 def _move_muscles(system: System, share: float, motion: Motion, room: Room) -> None:
     """Write the motion of the muscles after ``share`` of the step."""
     for i in range(room.at.shape[0]):
@@ -316,14 +316,6 @@ def _move_muscles(system: System, share: float, motion: Motion, room: Room) -> N
         store(room.rate, (i,), rate)
         store(room.shape, (i,), load(room.at, (i,)) + share * system.step_s * rate)
     move_rods(room.shape, room.rate, system.rod, motion)
-
-
-@kernel
-def _show(state: State, system: System, fingers: int, motion: Motion, room: Room) -> None:
-    """Write the motion of the state."""
-    _take_lanes(state.shape, room.at, fingers)
-    _take_lanes(state.velocity, room.start, fingers)
-    _move_muscles(system, 0.0, motion, room)
 
 
 @piece
@@ -645,14 +637,18 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     state, system, contacts, work = parts.state, parts.system, parts.contacts, parts.work
     steps, fingers = heights.shape[0] - 1, work.theta.shape[0] - 1
     if steps == 0:
-        _show(state, system, fingers, parts.motion, work.room)
+        _take_lanes(state.shape, work.room.at, fingers)
+        _take_lanes(state.velocity, work.room.start, fingers)
+        _move_muscles(system, 0.0, parts.motion, work.room)
         _hold(parts.drive)
         return OK, 0
     iterations, midpoint, ahead = 0, work.midpoint_known[0], work.ahead_known[0]
     work.midpoint_known[0] = work.ahead_known[0] = False  # unless all goes well
     _copy_state(state, work.before)
     if system.surroundings.fingers_touch and not midpoint:
-        _show(state, system, fingers, work.motion, work.room)
+        _take_lanes(state.shape, work.room.at, fingers)
+        _take_lanes(state.velocity, work.room.start, fingers)
+        _move_muscles(system, 0.0, work.motion, work.room)
     for step in range(steps):
         contacts.count[0] = 0
         work.theta[:] = 0.5
