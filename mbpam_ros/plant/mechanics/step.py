@@ -217,6 +217,7 @@ class Work(NamedTuple):
     Args:
         midpoint_known: whether ``motion`` and ``room`` are those at the last midpoint, shape (1,).
         ahead_known: whether ``ahead`` holds, shape (1,).
+        before: the state at the start of the call.
         motion: where the last sweep saw the muscles.
         gain, ahead: of the velocities in the last sub-step, and in the next one if they go on as in the last two.
         a, b, start: of the equations a v = b, and the velocities before, shapes (n, n), (n,) and (n,).
@@ -226,6 +227,7 @@ class Work(NamedTuple):
 
     midpoint_known: NDArray[np.bool_]
     ahead_known: NDArray[np.bool_]
+    before: State
     motion: Motion
     gain: Array
     ahead: Array
@@ -278,6 +280,7 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
         Work(
             midpoint_known=np.zeros(1, np.bool_),
             ahead_known=np.zeros(1, np.bool_),
+            before=State(*(part.copy() for part in state)),
             motion=motion_at_rest(rod),
             gain=np.zeros(size),
             ahead=np.zeros(size),
@@ -643,9 +646,11 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     steps, fingers = heights.shape[0] - 1, work.theta.shape[0] - 1
     if steps == 0:
         _show(state, system, fingers, parts.motion, work.room)
+        _hold(parts.drive, 1)
         return OK, 0
     iterations, midpoint, ahead = 0, work.midpoint_known[0], work.ahead_known[0]
     work.midpoint_known[0] = work.ahead_known[0] = False  # unless all goes well
+    _copy_state(state, work.before)
     if system.surroundings.fingers_touch and not midpoint:
         _show(state, system, fingers, work.motion, work.room)
     for step in range(steps):
@@ -661,12 +666,43 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
         if answer == OK:
             answer = _move(state, work.start, system.step_s, system.rod.stretches.shape[1], work.theta, work.turn)
         if answer != OK:
+            _copy_state(work.before, state)
+            _hold(parts.drive, 0)
             return answer, iterations
         _look_ahead(state.velocity, work.start, ahead, work.gain, work.ahead)
         midpoint, ahead = not touching, True
     work.midpoint_known[0], work.ahead_known[0] = midpoint, ahead
+    _hold(parts.drive, 1)
     _sum_forces(contacts, parts.forces)
     return OK, iterations
+
+
+@kernel
+def _copy(values: Array, there: Array) -> None:
+    for i in range(values.shape[0]):
+        there[i] = values[i]
+
+
+@kernel
+def _copy_state(state: State, there: State) -> None:
+    _copy(state.shape, there.shape)
+    _copy(state.velocity, there.velocity)
+    _copy(state.position, there.position)
+    _copy(state.orientation, there.orientation)
+
+
+@kernel
+def _hold(drive: Drive, end: int) -> None:
+    """Let what drives the muscles at one end of the call drive them at both."""
+    other = 1 - end
+    for f in range(drive.stiffnesses.shape[1]):
+        drive.stiffnesses[other, f] = drive.stiffnesses[end, f]
+        drive.torsions[other, f] = drive.torsions[end, f]
+        drive.axials[other, f] = drive.axials[end, f]
+        drive.free_stretches[other, f] = drive.free_stretches[end, f]
+        for i in range(2):
+            drive.moments[other, f, i] = drive.moments[end, f, i]
+            drive.couplings[other, f, i] = drive.couplings[end, f, i]
 
 
 def forget(work: Work) -> None:
@@ -702,11 +738,12 @@ def _cached(
         if source_digest >= 0:
             _write(bound, parts)
 
-    @kernel(cache=True)
+    @kernel(cache=True, nogil=True)
     def advance(bound: Block, heights: Array, rates: Array) -> tuple[int, int]:
         """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps.
 
-        Without a sub-step this shows the state: it writes ``motion``, and nothing else.
+        Then the drive's end is its start too. If something went wrong, state and drive are those before the call.
+        Without a sub-step this shows the state: it writes ``motion``. Python's lock is not held.
 
         Args:
             bound: the parts, from :func:`bind`.
