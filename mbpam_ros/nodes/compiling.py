@@ -17,12 +17,13 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 SELDOM = (20_000, 20, 20)
 """Thresholds of Python's garbage collector while kernels are compiled: the compiler makes millions of objects that stay
-for a while, and to look through them every 700 took a twelfth of its time."""
+for a while, and to look through them every 700 took a twelfth of its time. Without a collector it took 1.6 times as
+much memory, so 1.1 times."""
 
 
 @contextmanager
 def garbage_collected_seldom() -> Iterator[None]:
-    """Leave more garbage about while the block compiles; it took no more memory than before."""
+    """Leave more garbage about while the block compiles."""
     before = gc.get_threshold()
     gc.set_threshold(*SELDOM)
     try:
