@@ -36,10 +36,10 @@ from mbpam_ros.study.fidelity.cases import all_cases
 from mbpam_ros.study.fidelity.draws import ranges
 from mbpam_ros.study.fidelity.model_error import model_errors, states_file
 from mbpam_ros.study.fidelity.picture import draw_trade
-from mbpam_ros.study.jobs import ResultFile
+from mbpam_ros.study.jobs import ResultFile, runs_beside
 from mbpam_ros.study.pictures import PictureError
 from mbpam_ros.study.provenance import machine, sources_digest, versions
-from mbpam_ros.study.result_file import make_folder_of, write_json
+from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import Progress, announce
 
 _S_PER_RUN, _S_PER_SCENE, _S_OF_COSTS = 0.5, 20.0, 300.0
@@ -69,9 +69,7 @@ def run(options: argparse.Namespace) -> int:
     progress, wanted = Progress(), _wanted(options)
     here, libraries = machine(), versions("numpy", "numba", "scipy")
     settings = {"sources": sources_digest(), "machine": here, "versions": libraries, "coarse": wanted.coarse}
-    make_folder_of(options.json)
-    kept_in = options.json.with_name(f"{options.json.stem}_runs.json")
-    kept = ResultFile(kept_in, settings, "runs", lambda row: row["job"])
+    kept = ResultFile(runs_beside(options.json), settings, "runs", lambda row: row["job"])
     runs, gripper = len(wanted.runs()), load_gripper()
     expected_s = 30.0 if options.quick else _S_PER_RUN * runs + _S_PER_SCENE * wanted.scenes + _S_OF_COSTS
     announce(
@@ -81,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
         found = trade.measure(wanted, gripper, kept, executor, progress)
     cost, trust = trade.measured_costs(wanted, gripper, kept, progress)
     progress.say(f"costs: {trust}")
-    here |= {"costs": str(trust), "date": date.today().isoformat()}
+    here = here | {"costs": str(trust), "date": date.today().isoformat()}
     rows, checks = trade.table_rows(wanted, found, cost)
     models = _model_errors(progress) if wanted.has_strains else ()
     whole = FidelityTable(tuple(rows), checks, here, libraries, models)

@@ -91,13 +91,13 @@ def _muscle_contacts(
 
     The distance changes by no more than the arc length: far from the solid, balls are left out.
     """
-    tangent, balls = motion.tangent[finger], rod.balls.shape[0]
+    balls = rod.balls.shape[0]
     sign = 1.0 if shape == PLANE else -1.0  # what is pushed: the muscle by a plane, or the object by the muscle
     nearest = 0  # the next ball that may touch
     for k in range(balls):
         if k < nearest:
             continue
-        place = minus(plus(ball_position(rod, tangent, k), vector(base, 0)), vector(centre, 0))
+        place = minus(plus(ball_position(rod, motion, finger, k), vector(base, 0)), vector(centre, 0))
         x, y, z = to_body(rotation, place)
         distance, gx, gy, gz = signed_distance(shape, half, x, y, z)
         depth = rod.radius - distance

@@ -22,14 +22,14 @@ VELOCITY_TOLERANCE = 1e-8
 
 
 @kernel
-def solve_in_place(a: Array, b: Array, first: NDArray[np.int64]) -> bool:
-    """Solve a x = b for a symmetric positive definite matrix; x ends in b. Returns False if it is none.
+def solve_in_place(a: Array, b: Array, first: NDArray[np.int64], begin: int) -> bool:
+    """Solve a x = b from row ``begin`` on for a symmetric positive definite matrix; x ends in b. False if it is none.
 
     L D L^T inside the envelope: row i is zero before column ``first[i]``, and so is that of L. Only the lower half of a
     is read, and overwritten by L and the inverse of D.
     """
     n = b.shape[0]
-    for i in range(n):
+    for i in range(begin, n):
         pivot, right = a[i, i], b[i]
         for j in range(first[i], i):
             total = a[i, j]
@@ -44,9 +44,9 @@ def solve_in_place(a: Array, b: Array, first: NDArray[np.int64]) -> bool:
         if not pivot > 0.0:
             return False
         a[i, i], b[i] = 1.0 / pivot, right
-    for i in range(n):
+    for i in range(begin, n):
         b[i] *= a[i, i]
-    for i in range(n - 1, -1, -1):
+    for i in range(n - 1, begin - 1, -1):
         for k in range(first[i], i):
             b[k] -= a[i, k] * b[i]
     return True
@@ -272,7 +272,7 @@ def solve_contacts(
         _hessian(a, h, laws, contacts, room)
         for i in range(size):
             step[i] = residual[i]
-        if not solve_in_place(room.hessian, step, first):
+        if not solve_in_place(room.hessian, step, first, 0):
             return np.inf, iteration
         _product(a, step, first, pull)
         _relative(contacts, step, change)

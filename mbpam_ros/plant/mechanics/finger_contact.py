@@ -52,7 +52,7 @@ def fingers_near(bases: Array, rod: Rod, motion: Motion, room: Lines) -> bool:
         box = room.boxes[f]
         box[0, :], box[1, :] = np.inf, -np.inf
         for ball in range(0, rod.balls.shape[0], _STRIDE):
-            place = ball_position(rod, motion.tangent[f], ball)
+            place = ball_position(rod, motion, f, ball)
             for i in range(3):
                 box[0, i] = min(box[0, i], bases[f, i] + place[i] - slack)
                 box[1, i] = max(box[1, i], bases[f, i] + place[i] + slack)
@@ -91,7 +91,7 @@ def _write_points(bases: Array, rod: Rod, motion: Motion, stride: int, points: A
     """Write the places of every ``stride``-th ball of all fingers."""
     for f in range(bases.shape[0]):
         for ball in range(0, rod.balls.shape[0], stride):
-            place = plus(row(bases, f), ball_position(rod, motion.tangent[f], ball))
+            place = plus(row(bases, f), ball_position(rod, motion, f, ball))
             points[f, ball, 0], points[f, ball, 1], points[f, ball, 2] = place
 
 

@@ -52,7 +52,8 @@ from mbpam_ros.plant.mechanics.contact_search import (
 )
 from mbpam_ros.plant.mechanics.contact_solver import Scratch, scratch, solve_contacts, solve_in_place
 from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines
-from mbpam_ros.plant.mechanics.kernel import kernel
+from mbpam_ros.plant.mechanics.kernel import entry, kernel, piece
+from mbpam_ros.plant.mechanics.lanes import WIDTH, Lanes, Place, all_above, load, splat, store
 from mbpam_ros.plant.mechanics.packed_arguments import Block, access, new_block
 from mbpam_ros.plant.mechanics.rod import (
     LARGEST_STRETCH,
@@ -175,13 +176,39 @@ def turned(q: Array, turn: Vector, result: Array) -> None:
 
 
 class Room(NamedTuple):
-    """Room for the muscles: coordinates, rates, loads (4, D), masses (4, D, D), and work of ``masses_and_loads``."""
+    """Room for the muscles, one a lane (:mod:`~mbpam_ros.plant.mechanics.lanes`).
 
+    Args:
+        at, start, velocity: coordinates and rates before the sub-step, and rates after it, shapes (D, 4).
+        shape, rate: coordinates and rates of which a sweep sees the muscles, shapes (D, 4).
+        load, mass: shapes (D, 4) and (D, D, 4).
+        a, b: of a muscle's equations a v = b, shapes (D, D, 4) and (D, 4).
+        drive: what the air does in the middle of the sub-step, a row each of :class:`Drive`, x before y, shape (8, 4).
+        theta: shape (1, 4).
+        work: of ``masses_and_loads``.
+    """
+
+    at: Array
+    start: Array
+    velocity: Array
     shape: Array
     rate: Array
     load: Array
     mass: Array
+    a: Array
+    b: Array
+    drive: Array
+    theta: Array
     work: Array
+
+
+def room_of(rod: Rod) -> Room:
+    """Return the room for muscles with this rod."""
+    columns = coordinates_of(rod)
+    line, square = (columns, WIDTH), (columns, columns, WIDTH)
+    at, start, velocity, shape, rate, load, b = (np.zeros(line) for _ in range(7))
+    mass, a, drive, theta = np.zeros(square), np.zeros(square), np.zeros((8, WIDTH)), np.zeros((1, WIDTH))
+    return Room(at, start, velocity, shape, rate, load, mass, a, b, drive, theta, room_for_loads(rod))
 
 
 class Work(NamedTuple):
@@ -190,6 +217,7 @@ class Work(NamedTuple):
     Args:
         midpoint_known: whether ``motion`` and ``room`` are those at the last midpoint, shape (1,).
         ahead_known: whether ``ahead`` holds, shape (1,).
+        before: the state at the start of the call.
         motion: where the last sweep saw the muscles.
         gain, ahead: of the velocities in the last sub-step, and in the next one if they go on as in the last two.
         a, b, start: of the equations a v = b, and the velocities before, shapes (n, n), (n,) and (n,).
@@ -199,6 +227,7 @@ class Work(NamedTuple):
 
     midpoint_known: NDArray[np.bool_]
     ahead_known: NDArray[np.bool_]
+    before: State
     motion: Motion
     gain: Array
     ahead: Array
@@ -246,12 +275,13 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
         new_drive(fingers),
         system,
         contacts,
-        motion_at_rest(rod, fingers),
+        motion_at_rest(rod),
         Forces(np.zeros((fingers, 3)), np.zeros(3), np.zeros(3), np.zeros((fingers, 3))),
         Work(
             midpoint_known=np.zeros(1, np.bool_),
             ahead_known=np.zeros(1, np.bool_),
-            motion=motion_at_rest(rod, fingers),
+            before=State(*(part.copy() for part in state)),
+            motion=motion_at_rest(rod),
             gain=np.zeros(size),
             ahead=np.zeros(size),
             a=np.zeros((size, size)),
@@ -261,13 +291,7 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
             rotation=np.eye(3),
             middle=np.zeros(4),
             turn=np.zeros(3),
-            room=Room(
-                np.zeros((fingers, columns)),
-                np.zeros((fingers, columns)),
-                np.zeros((fingers, columns)),
-                np.zeros((fingers, columns, columns)),
-                room_for_loads(rod),
-            ),
+            room=room_of(rod),
             spots=places(system.surroundings),
             room_of_lines=lines(rod, fingers),
             equations=scratch(size, columns, fingers),
@@ -276,82 +300,122 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
 
 
 @kernel
-def _move_muscles(state: State, start: Array, system: System, share: float, motion: Motion, room: Room) -> None:
-    """Write the motion of the muscles after ``share`` of the step."""
-    fingers, size = room.shape.shape
+def _take_lanes(values: Array, lanes: Array, fingers: int) -> None:
+    """Write the coordinates of all muscles one after another, (4 D, or more), as lanes (D, 4)."""
+    size = lanes.shape[0]
     for f in range(fingers):
         for i in range(size):
-            n = f * size + i
-            room.rate[f, i] = (1.0 - share) * start[n] + share * state.velocity[n]
-            room.shape[f, i] = state.shape[n] + share * system.step_s * room.rate[f, i]
+            lanes[i, f] = values[f * size + i]
+
+
+@piece
+def _move_muscles(system: System, share: float, motion: Motion, room: Room) -> None:
+    """Write the motion of the muscles after ``share`` of the step."""
+    for i in range(room.at.shape[0]):
+        rate = (1.0 - share) * load(room.start, (i,)) + share * load(room.velocity, (i,))
+        store(room.rate, (i,), rate)
+        store(room.shape, (i,), load(room.at, (i,)) + share * system.step_s * rate)
     move_rods(room.shape, room.rate, system.rod, motion)
 
 
 @kernel
-def _muscle_equations(
-    state: State, start: Array, system: System, drive: Drive, blend: float, theta: Array, room: Room,
-    a: Array, b: Array,
-) -> None:  # fmt: skip
-    """Write the muscles' rows of a v = b with the masses and loads in ``room``."""
+def _show(state: State, system: System, fingers: int, motion: Motion, room: Room) -> None:
+    """Write the motion of the state."""
+    _take_lanes(state.shape, room.at, fingers)
+    _take_lanes(state.velocity, room.start, fingers)
+    _move_muscles(system, 0.0, motion, room)
+
+
+@piece
+def _drive_lanes(drive: Drive, blend: float, rod: Rod, room: Room) -> None:
+    """Write what the air does to the muscles into ``room``; of what only absent strains ask for, nothing."""
+    for f in range(drive.stiffnesses.shape[1]):
+        room.drive[0, f] = (1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f]
+        room.drive[1, f] = (1.0 - blend) * drive.moments[0, f, 0] + blend * drive.moments[1, f, 0]
+        room.drive[2, f] = (1.0 - blend) * drive.moments[0, f, 1] + blend * drive.moments[1, f, 1]
+        if rod.twists.shape[2] > 0:
+            room.drive[3, f] = (1.0 - blend) * drive.torsions[0, f] + blend * drive.torsions[1, f]
+        if rod.stretches.shape[1] > 0:
+            room.drive[4, f] = (1.0 - blend) * drive.axials[0, f] + blend * drive.axials[1, f]
+            room.drive[5, f] = (1.0 - blend) * drive.free_stretches[0, f] + blend * drive.free_stretches[1, f]
+            room.drive[6, f] = (1.0 - blend) * drive.couplings[0, f, 0] + blend * drive.couplings[1, f, 0]
+            room.drive[7, f] = (1.0 - blend) * drive.couplings[0, f, 1] + blend * drive.couplings[1, f, 1]
+
+
+@piece
+def _muscle_equations(system: System, theta: Array, room: Room) -> None:
+    """Write the muscles' equations a v = b with the masses, loads and drives in ``room``."""
     h, eta, springs = system.step_s, system.retardation, system.rod.springs
-    bends, stretches = 2 * system.rod.bends.shape[2], system.rod.stretches.shape[1]
-    fingers, size = room.shape.shape
-    for f in range(fingers):
-        stiffness = h * ((1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f])
-        torsion = h * ((1.0 - blend) * drive.torsions[0, f] + blend * drive.torsions[1, f])
-        t, first = theta[f], f * size
-        implicit, explicit = t * (eta + t * h), (1.0 - t) * (eta + t * h)
-        for i in range(size):
-            n, k = first + i, 0.0  # stretch has its own terms
-            if i < bends:
-                k = stiffness * springs[i >> 1]
-            elif i < size - stretches:
-                k = torsion * springs[i - bends]
-            total = h * room.load[f, i] - k * (state.shape[n] + explicit * start[n])
-            if i < 2:
-                total += h * ((1.0 - blend) * drive.moments[0, f, i] + blend * drive.moments[1, f, i])
-            for j in range(size):
-                a[n, first + j] = room.mass[f, i, j]
-                total += room.mass[f, i, j] * start[first + j]
-            a[n, n] += k * implicit
-            b[n] = total
-        if stretches > 0:
-            _stretch_equations(state, start, system, drive, blend, f, implicit, explicit, a, b)
+    bends, stretches, size = 2 * system.rod.bends.shape[2], system.rod.stretches.shape[1], room.at.shape[0]
+    for f in range(theta.shape[0] - 1):
+        room.theta[0, f] = theta[f]
+    t, stiffness, torsion = load(room.theta, (0,)), h * load(room.drive, (0,)), h * load(room.drive, (3,))
+    implicit, explicit = t * (eta + t * h), (1.0 - t) * (eta + t * h)
+    for i in range(size):
+        k = splat(0.0)  # stretch has its own terms
+        if i < bends:
+            k = stiffness * springs[i >> 1]
+        elif i < size - stretches:
+            k = torsion * springs[i - bends]
+        total = h * load(room.load, (i,)) - k * (load(room.at, (i,)) + explicit * load(room.start, (i,)))
+        if i < 2:
+            total = total + h * load(room.drive, (1 + i,))
+        for j in range(size):
+            mass = load(room.mass, (i, j))
+            store(room.a, (i, j), mass)
+            total = total + mass * load(room.start, (j,))
+        store(room.a, (i, i), load(room.a, (i, i)) + k * implicit)
+        store(room.b, (i,), total)
+    if stretches > 0:
+        _stretch_equations(system, implicit, explicit, room)
 
 
-@kernel
-def _stretch_equations(
-    state: State, start: Array, system: System, drive: Drive, blend: float, f: int, implicit: float, explicit: float,
-    a: Array, b: Array,
-) -> None:  # fmt: skip
-    """Add what the energy of the stretch gives to a finger's rows.
+@piece
+def _add(values: Array, place: Place, more: Lanes) -> None:
+    store(values, place, load(values, place) + more)
+
+
+@piece
+def _stretch_equations(system: System, implicit: Lanes, explicit: Lanes, room: Room) -> None:
+    """Add what the energy of the stretch gives to the muscles' equations.
 
     Mode i has L EA / (2 (2 i + 1)) (e_i - [eps_0] - c . q_i / L)^2, with eps_0 for i = 0.
     """
-    rod, springs, fingers = system.rod, system.rod.stretch_springs, drive.axials.shape[1]
-    size = state.shape.shape[0] // fingers
-    axial = system.step_s * ((1.0 - blend) * drive.axials[0, f] + blend * drive.axials[1, f])
-    free = (1.0 - blend) * drive.free_stretches[0, f] + blend * drive.free_stretches[1, f]
-    cx = ((1.0 - blend) * drive.couplings[0, f, 0] + blend * drive.couplings[1, f, 0]) / rod.active_length
-    cy = ((1.0 - blend) * drive.couplings[0, f, 1] + blend * drive.couplings[1, f, 1]) / rod.active_length
+    rod, springs, size = system.rod, system.rod.stretch_springs, room.at.shape[0]
+    axial, free = system.step_s * load(room.drive, (4,)), load(room.drive, (5,))
+    cx, cy = load(room.drive, (6,)) / rod.active_length, load(room.drive, (7,)) / rod.active_length
     for i in range(springs.shape[0]):
         k = axial * springs[i]
-        e, x, y = f * size + size - springs.shape[0] + i, f * size + 2 * i, f * size + 2 * i + 1
-        off = state.shape[e] + explicit * start[e] - (free if i == 0 else 0.0)
-        a[e, e] += k * implicit
+        e, x, y = size - springs.shape[0] + i, 2 * i, 2 * i + 1
+        off = load(room.at, (e,)) + explicit * load(room.start, (e,))
+        if i == 0:
+            off = off - free
+        _add(room.a, (e, e), k * implicit)
         if i < rod.bends.shape[2]:
-            off -= cx * (state.shape[x] + explicit * start[x]) + cy * (state.shape[y] + explicit * start[y])
-            b[x] += k * cx * off
-            b[y] += k * cy * off
-            a[x, x] += k * implicit * cx * cx
-            a[y, y] += k * implicit * cy * cy
-            a[x, y] += k * implicit * cx * cy
-            a[y, x] += k * implicit * cx * cy
-            a[e, x] -= k * implicit * cx
-            a[x, e] -= k * implicit * cx
-            a[e, y] -= k * implicit * cy
-            a[y, e] -= k * implicit * cy
-        b[e] -= k * off
+            along_x = cx * (load(room.at, (x,)) + explicit * load(room.start, (x,)))
+            off = off - (along_x + cy * (load(room.at, (y,)) + explicit * load(room.start, (y,))))
+            _add(room.b, (x,), k * cx * off)
+            _add(room.b, (y,), k * cy * off)
+            _add(room.a, (x, x), k * implicit * cx * cx)
+            _add(room.a, (y, y), k * implicit * cy * cy)
+            _add(room.a, (x, y), k * implicit * cx * cy)
+            _add(room.a, (y, x), k * implicit * cx * cy)
+            _add(room.a, (e, x), -(k * implicit * cx))
+            _add(room.a, (x, e), -(k * implicit * cx))
+            _add(room.a, (e, y), -(k * implicit * cy))
+            _add(room.a, (y, e), -(k * implicit * cy))
+        _add(room.b, (e,), -(k * off))
+
+
+@kernel
+def _spread_equations(room_a: Array, room_b: Array, fingers: int, a: Array, b: Array) -> None:
+    """Write the muscles' equations into rows and columns of all bodies' a v = b."""
+    size = room_b.shape[0]
+    for f in range(fingers):
+        for i in range(size):
+            b[f * size + i] = room_b[i, f]
+            for j in range(size):
+                a[f * size + i, f * size + j] = room_a[i, j, f]
 
 
 @kernel
@@ -461,13 +525,49 @@ def _touch(state: State, system: System, lift: float, hand_velocity: float, work
     return touching
 
 
+@piece
+def _solve_muscles(room: Room, fingers: int, velocity: Array) -> tuple[bool, float]:
+    """Solve each muscle's equations, by L D L^T in place; return whether it could be, and the largest change."""
+    a, b, size = room.a, room.b, room.b.shape[0]
+    for i in range(size):
+        pivot, right = load(a, (i, i)), load(b, (i,))
+        for j in range(i):
+            total = load(a, (i, j))
+            for k in range(j):
+                total = total - load(a, (i, k)) * load(a, (j, k))  # (L D) of row i, L of row j
+            store(a, (i, j), total)
+        for j in range(i):
+            raw = load(a, (i, j))
+            scaled = raw * load(a, (j, j))
+            pivot = pivot - raw * scaled
+            right = right - scaled * load(b, (j,))
+            store(a, (i, j), scaled)
+        if not all_above(pivot, 0.0):
+            return False, 0.0
+        store(a, (i, i), 1.0 / pivot)
+        store(b, (i,), right)
+    for i in range(size):
+        store(b, (i,), load(b, (i,)) * load(a, (i, i)))
+    for i in range(size - 1, -1, -1):
+        solved = load(b, (i,))
+        for k in range(i):
+            store(b, (k,), load(b, (k,)) - load(a, (i, k)) * solved)
+    changed = 0.0
+    for f in range(fingers):
+        for i in range(size):
+            n = f * size + i
+            changed = max(changed, abs(b[i, f] - velocity[n]))
+            velocity[n] = room.velocity[i, f] = b[i, f]
+    return True, changed
+
+
 @kernel
-def _solve_in_the_air(a: Array, b: Array, first: NDArray[np.int64], velocity: Array) -> tuple[bool, float]:
-    """Solve a v = b; return whether it could be, and by how much a velocity differs from the last sweep's."""
-    if not solve_in_place(a, b, first):
+def _solve_object(a: Array, b: Array, first: NDArray[np.int64], muscles: int, velocity: Array) -> tuple[bool, float]:
+    """Solve the equations of an object in the air, which follow those of the muscles; return as for these."""
+    if not solve_in_place(a, b, first, muscles):
         return False, 0.0
     changed = 0.0
-    for i in range(velocity.shape[0]):
+    for i in range(muscles, velocity.shape[0]):
         changed = max(changed, abs(b[i] - velocity[i]))
         velocity[i] = b[i]
     return True, changed
@@ -493,7 +593,8 @@ def _find_velocities(
     """
     state, drive, system, contacts, work = parts.state, parts.drive, parts.system, parts.contacts, parts.work
     motion, room, around = work.motion, work.room, system.surroundings
-    blend = (step + 0.5) / (heights.shape[0] - 1)
+    fingers, muscles = work.theta.shape[0] - 1, state.shape.shape[0]
+    _drive_lanes(drive, (step + 0.5) / (heights.shape[0] - 1), system.rod, room)
     gravity = (
         system.gravity[0],
         system.gravity[1],
@@ -506,15 +607,16 @@ def _find_velocities(
         share = 0.5 if sweep > 0 else 0.0
         anew = in_reach or sweep > 0 or not midpoint
         if anew or near:
-            _move_muscles(state, work.start, system, share, motion, room)
+            _move_muscles(system, share, motion, room)
         if sweep == 0 and near:
             touching = _touch(state, system, heights[step], rates[step + 1], work, contacts)
         if anew or touching:
             masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
-        _muscle_equations(state, work.start, system, drive, blend, work.theta, room, work.a, work.b)
-        if state.velocity.shape[0] > state.shape.shape[0]:
+        _muscle_equations(system, work.theta, room)
+        if state.velocity.shape[0] > muscles:
             _object_equations(state, work.start, system, share, work.rotation, work.middle, work.a, work.b)
         if touching:  # contact is of first order: the midpoint would not help
+            _spread_equations(room.a, room.b, fingers, work.a, work.b)
             if ahead:
                 for i in range(state.velocity.shape[0]):
                     state.velocity[i] += work.ahead[i]
@@ -522,7 +624,10 @@ def _find_velocities(
                 work.a, work.b, state.velocity, system.step_s, system.laws, contacts, work.equations
             )
             return OK if left < SOLVED_M_S else NOT_SOLVED, count, True
-        solved, changed = _solve_in_the_air(work.a, work.b, work.equations.first, state.velocity)
+        solved, changed = _solve_muscles(room, fingers, state.velocity)
+        if solved and state.velocity.shape[0] > muscles:
+            solved, more = _solve_object(work.a, work.b, work.equations.first, muscles, state.velocity)
+            changed = max(changed, more)
         if not solved:
             return NOT_FINITE, 0, False
         if changed < FOUND_RAD_S:
@@ -538,30 +643,61 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     two are handed on, or there is more than one caller, a function of its own is compiled faster.
     """
     state, system, contacts, work = parts.state, parts.system, parts.contacts, parts.work
-    steps = heights.shape[0] - 1
+    steps, fingers = heights.shape[0] - 1, work.theta.shape[0] - 1
     if steps == 0:
-        _move_muscles(state, state.velocity, system, 0.0, parts.motion, work.room)
+        _show(state, system, fingers, parts.motion, work.room)
+        _hold(parts.drive)
         return OK, 0
     iterations, midpoint, ahead = 0, work.midpoint_known[0], work.ahead_known[0]
     work.midpoint_known[0] = work.ahead_known[0] = False  # unless all goes well
+    _copy_state(state, work.before)
     if system.surroundings.fingers_touch and not midpoint:
-        _move_muscles(state, state.velocity, system, 0.0, work.motion, work.room)
+        _show(state, system, fingers, work.motion, work.room)
     for step in range(steps):
         contacts.count[0] = 0
         work.theta[:] = 0.5
         for i in range(state.velocity.shape[0]):
             work.start[i] = state.velocity[i]
+        _take_lanes(state.shape, work.room.at, fingers)
+        _take_lanes(work.start, work.room.start, fingers)
+        _take_lanes(state.velocity, work.room.velocity, fingers)
         answer, count, touching = _find_velocities(parts, heights, rates, step, midpoint, ahead)
         iterations = max(iterations, count)
         if answer == OK:
             answer = _move(state, work.start, system.step_s, system.rod.stretches.shape[1], work.theta, work.turn)
         if answer != OK:
+            _copy_state(work.before, state)
             return answer, iterations
         _look_ahead(state.velocity, work.start, ahead, work.gain, work.ahead)
         midpoint, ahead = not touching, True
     work.midpoint_known[0], work.ahead_known[0] = midpoint, ahead
+    _hold(parts.drive)
     _sum_forces(contacts, parts.forces)
     return OK, iterations
+
+
+@kernel
+def _copy(values: Array, there: Array) -> None:
+    for i in range(values.shape[0]):
+        there[i] = values[i]
+
+
+@kernel
+def _copy_state(state: State, there: State) -> None:
+    _copy(state.shape, there.shape)
+    _copy(state.velocity, there.velocity)
+    _copy(state.position, there.position)
+    _copy(state.orientation, there.orientation)
+
+
+@kernel
+def _hold(drive: Drive) -> None:
+    """Let what drives the muscles at the end of the call be what drives them from then on."""
+    for f in range(drive.stiffnesses.shape[1]):
+        drive.stiffnesses[0, f], drive.torsions[0, f] = drive.stiffnesses[1, f], drive.torsions[1, f]
+        drive.axials[0, f], drive.free_stretches[0, f] = drive.axials[1, f], drive.free_stretches[1, f]
+        for i in range(2):
+            drive.moments[0, f, i], drive.couplings[0, f, i] = drive.moments[1, f, i], drive.couplings[1, f, i]
 
 
 def forget(work: Work) -> None:
@@ -592,16 +728,17 @@ def _cached(
     the closure, is part of the cache's key: no stale machine code after an edit of another file.
     """
 
-    @kernel(cache=True)
+    @entry(cache=True)
     def _bind(bound: Block, parts: Parts) -> None:
         if source_digest >= 0:
             _write(bound, parts)
 
-    @kernel(cache=True)
+    @entry(cache=True, nogil=True)
     def advance(bound: Block, heights: Array, rates: Array) -> tuple[int, int]:
         """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps.
 
-        Without a sub-step this shows the state: it writes ``motion``, and nothing else.
+        Then the drive's end is its start too. If something went wrong, the state is that before the call.
+        Without a sub-step this shows the state: it writes ``motion``. Python's lock is not held.
 
         Args:
             bound: the parts, from :func:`bind`.

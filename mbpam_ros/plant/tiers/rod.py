@@ -132,7 +132,7 @@ class RodTier(Tier):
             raise TierError("muscles that stretch or twist need an actuation that says how: give it a strain law")
         body, state = self._setup.body, self._parts.state
         self._memory[:] = 0.0
-        _write(self._now, actuation)
+        self._act(actuation)
         state.orientation[3] = 1.0
         if body is not None:
             state.velocity[self._coordinates :] = *body.velocity_m_s, *body.angular_velocity_rad_s
@@ -143,13 +143,10 @@ class RodTier(Tier):
         self._begin()
 
     def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        _write(self._start, self._now)
         _write(self._now, actuation)
-        memory = self._memory.copy()
         answer, self.iterations = self._advance(hand_height_m, hand_velocity_m_s)
         self._shown = False
         if answer != OK:
-            self._memory[:] = memory
             _write(self._now, self._start)
             self._begin()
             remedy = _REMEDY.capitalize()
@@ -179,7 +176,7 @@ class RodTier(Tier):
 
         The object stays as it is here.
         """
-        _write(self._now, other._now)
+        self._act(other._now)
         for own, theirs in zip(self._parts.state[:2], other._parts.state[:2], strict=True):
             own[: self._coordinates] = 0.0
             rows, there = (
@@ -202,7 +199,8 @@ class RodTier(Tier):
 
     def centreline_m(self) -> Array:
         """Return points of the centre lines as in :class:`~mbpam_ros.plant.tiers.base.TierState`."""
-        return self._line_weights @ self._motion.tangent + self._setup.finger_base_m[:, None, :]
+        directors = np.moveaxis(self._motion.tangent[..., : self._fingers], -1, 0)
+        return self._line_weights @ directors + self._setup.finger_base_m[:, None, :]
 
     def body_state(self) -> BodyState | None:
         """Return copies of where the object is and how it moves; none without one."""
@@ -222,8 +220,9 @@ class RodTier(Tier):
     def state(self) -> TierState:
         shape, velocity, fingers = self._parts.state.shape, self._parts.state.velocity, self._coordinates
         rates = velocity[:fingers].reshape(self._fingers, -1)
-        tip_rate = np.einsum("fij,fj->fi", self._motion.slope[:, -1], rates)
-        bend, bend_rate = tip_bend(self._motion.tangent[:, -1], tip_rate, shape.reshape(self._fingers, -1)[:, :2])
+        tip, slope = (part[-1, ..., : self._fingers] for part in (self._motion.tangent, self._motion.slope))
+        tip_rate = np.einsum("ijf,fj->fi", slope, rates)
+        bend, bend_rate = tip_bend(tip.T, tip_rate, shape.reshape(self._fingers, -1)[:, :2])
         return TierState(
             bend_rad=bend,
             bend_rate_rad_s=bend_rate,
@@ -234,6 +233,11 @@ class RodTier(Tier):
             palm_force_n=self._parts.forces.palm.copy(),
             between_fingers_force_n=self._parts.forces.between.copy(),
         )
+
+    def _act(self, actuation: Actuation) -> None:
+        """Let the actuation be the one that acts already."""
+        _write(self._start, actuation)
+        _write(self._now, actuation)
 
     def _begin(self) -> None:
         """Go on from a state that no step has led to. The first time this compiles, before the first tick."""

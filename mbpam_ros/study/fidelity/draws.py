@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.chambers import pressurised_chambers
+from mbpam_ros.actuator.strains import STRAINS
 from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.geometry.solids import half_height
 from mbpam_ros.grasp.modes import load_modes
 from mbpam_ros.gripper import Gripper
-from mbpam_ros.plant.fidelity import STRAINS
 from mbpam_ros.plant.lift import LiftConfig
 from mbpam_ros.plant.placement import placed
 from mbpam_ros.plant.planner import AIR, KINDS

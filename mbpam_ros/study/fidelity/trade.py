@@ -287,7 +287,7 @@ def _cost_model(trade: Trade, times: Mapping[tuple[str, Fidelity], float]) -> Co
             muscle = each.tier, each.twist_modes, each.stretch_modes
             by_muscle.setdefault(muscle, {}).setdefault(each.modes, {})[each.sub_step_s] = value
         for muscle, measured in by_muscle.items():
-            lines[kind, *muscle] = cost_lines(measured)
+            lines[(kind, *muscle)] = cost_lines(measured)
         cheap = _cheapest(exact)
         for each, value in own.items():
             if each.pneumatics != REFERENCE_PNEUMATICS:

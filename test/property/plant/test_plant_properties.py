@@ -16,6 +16,7 @@ from mbpam_ros.plant.mechanics.contact_solver import (
     solve_contacts,
     solve_in_place,
 )
+from mbpam_ros.plant.mechanics.lanes import WIDTH
 from mbpam_ros.plant.mechanics.rod import build_rod, masses_and_loads, motion_at_rest, move_rods, room_for_loads
 
 MODES = 2
@@ -45,10 +46,11 @@ def test_outside_a_solid_going_the_distance_against_the_gradient_ends_on_its_sur
 
 
 def mechanics(shape, rate):
-    motion, mass, load = motion_at_rest(ROD, 1), np.empty((1, 2 * MODES, 2 * MODES)), np.empty((1, 2 * MODES))
-    move_rods.py_func(shape[None], rate[None], ROD, motion)  # not compiled: the helpers alone would have to be
+    motion, mass, load = motion_at_rest(ROD), np.empty((2 * MODES, 2 * MODES, WIDTH)), np.empty((2 * MODES, WIDTH))
+    shape, rate = (np.repeat(values[:, None], WIDTH, axis=1) for values in (shape, rate))
+    move_rods.py_func(shape, rate, ROD, motion)  # not compiled: the helpers alone would have to be
     masses_and_loads.py_func(ROD, motion, (0.0, 0.0, 9.81), room_for_loads(ROD), mass, load)
-    return mass[0], load[0]
+    return mass[..., 0], load[:, 0]
 
 
 @given(bends, bends, st.floats(-np.pi, np.pi))
@@ -114,7 +116,7 @@ def test_a_symmetric_positive_system_has_the_solution_numpy_finds(size, seed):
     root, right = random.standard_normal((size, size)), random.standard_normal(size)
     matrix = root @ root.T + 1e-3 * np.eye(size)
     solution = right.copy()
-    assert solve_in_place(matrix.copy(), solution, np.zeros(size, int))
+    assert solve_in_place(matrix.copy(), solution, np.zeros(size, int), 0)
     np.testing.assert_allclose(matrix @ solution, right, atol=1e-8 * np.linalg.cond(matrix))
 
 
@@ -132,10 +134,10 @@ def test_an_arrow_of_fingers_around_an_object_is_solved_inside_its_envelope(coor
     right = random.standard_normal(size)
     solution, lower = right.copy(), np.tril(matrix)
     lower[first[:, None] > np.arange(size)] = np.nan  # what is outside is not read
-    assert solve_in_place(lower, solution, first)
+    assert solve_in_place(lower, solution, first, 0)
     np.testing.assert_allclose(matrix @ solution, right, atol=1e-9)
 
 
 def test_a_matrix_that_is_not_positive_is_refused():
-    assert not solve_in_place(np.diag([1.0, -1.0]), np.ones(2), np.zeros(2, int))
-    assert not solve_in_place(np.full((2, 2), np.nan), np.ones(2), np.zeros(2, int))
+    assert not solve_in_place(np.diag([1.0, -1.0]), np.ones(2), np.zeros(2, int), 0)
+    assert not solve_in_place(np.full((2, 2), np.nan), np.ones(2), np.zeros(2, int), 0)
