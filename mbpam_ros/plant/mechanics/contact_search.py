@@ -85,7 +85,7 @@ def _object_columns(place: Vector, d: int, jacobian: Array) -> None:
 @kernel(forceinline=True)
 def _muscle_contacts(
     rod: Rod, motion: Motion, finger: int, base: Array, shape: int, half: Array, centre: Array, rotation: Array,
-    contacts: Contacts,
+    slot: int, contacts: Contacts,
 ) -> None:  # fmt: skip
     """Append the contacts of one muscle with one solid.
 
@@ -108,7 +108,7 @@ def _muscle_contacts(
         arm = times(-0.5 * (distance + rod.radius), outward)  # to the point half-way between the two surfaces
         n = contacts.count[0]
         contacts.count[0] = n + 1
-        contacts.depth[n] = depth
+        contacts.depth[n], contacts.slot[n] = depth, slot + k
         # The length about the ball, over the radius; the rounded tip counts as one radius more.
         length = rod.spacing if 0 < k < balls - 1 else 0.5 * rod.spacing
         contacts.share[n] = length / rod.radius + (1.0 if k == balls - 1 else 0.0)
@@ -122,7 +122,7 @@ def _muscle_contacts(
 @kernel
 def _rest_contacts(
     around: Surroundings, centre: Array, rotation: Array, lift: float, hand_velocity: float, points: Array,
-    contacts: Contacts,
+    slot: int, contacts: Contacts,
 ) -> None:  # fmt: skip
     """Append the contacts of the object with its supports and the palm."""
     for p in range(around.planes.shape[0] + 1):
@@ -140,7 +140,7 @@ def _rest_contacts(
                 continue
             n = contacts.count[0]
             contacts.count[0] = n + 1
-            contacts.depth[n], contacts.share[n] = depth, 1.0
+            contacts.depth[n], contacts.share[n], contacts.slot[n] = depth, 1.0, slot + REST_POINTS * p + k
             contacts.normal[n, 0], contacts.normal[n, 1] = 0.0, 0.0
             contacts.normal[n, 2] = 1.0 if palm else -1.0
             contacts.rise[n] = hand_velocity if palm else 0.0
@@ -165,12 +165,14 @@ def find_contacts(
             shape, place, turn = around.shape, centre, rotation
             if not on_object:
                 shape, place, turn = PLANE, room.plane, room.level
-            first = contacts.count[0]
-            _muscle_contacts(rod, motion, f, base, shape, around.half, place, turn, contacts)
+            first, slot = contacts.count[0], BALLS * (2 * f + (0 if on_object else 1))
+            _muscle_contacts(rod, motion, f, base, shape, around.half, place, turn, slot, contacts)
             for c in range(first, contacts.count[0]):
                 contacts.finger[c], contacts.kind[c] = f, kind
                 contacts.rise[c] = hand_velocity if on_object else -hand_velocity
+    rest = 2 * BALLS * bases.shape[0]
     if around.shape >= 0:
-        _rest_contacts(around, centre, rotation, lift, hand_velocity, room.points, contacts)
+        _rest_contacts(around, centre, rotation, lift, hand_velocity, room.points, rest, contacts)
     if around.fingers_touch:
-        append_finger_contacts(bases, rod, motion, room_of_lines, contacts)
+        between = rest + REST_POINTS * (around.planes.shape[0] + 1)
+        append_finger_contacts(bases, rod, motion, room_of_lines, between, contacts)

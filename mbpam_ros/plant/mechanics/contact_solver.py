@@ -1,4 +1,10 @@
-"""The velocities after a step with contacts: Newton's method on a convex function, with an exact line search."""
+"""The velocities after a step with contacts: Newton's method on a convex function, with an exact line search.
+
+The function has the bounds of friction as they were last found. Each of the first steps takes them anew, from the
+normal forces at its start; from then on each function is minimised before they are. Where all contacts stick they make
+no difference. The fixed point is the solution with Coulomb's cone of the same step's normal forces (J. Haslinger et
+al., "Solution of variational inequalities in mechanics", 1988).
+"""
 
 from __future__ import annotations
 
@@ -8,17 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
-from mbpam_ros.plant.mechanics.contact_law import Contacts, contact_force, contact_slope, law_of
+from mbpam_ros.plant.mechanics.contact_law import Contacts, bounds_hold, contact_force, contact_slope, law_of
 from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross
 
-NEWTON_LIMIT = 60
+NEWTON_LIMIT = 100
 LINE_LIMIT = 40
 BISECT_FROM = 5
 """Trials along one of Newton's steps after which every other one halves what is left of it. Where a contact closes
 further along, the slope is next to nothing before it and huge beyond: false position alone creeps toward it."""
 VELOCITY_TOLERANCE = 1e-8
 """Largest residual over diagonal [m/s or rad/s] at which the velocities are found."""
+BOUND_TOLERANCE = 5e-4
+"""What the bound of a contact that slips may be off by, over itself."""
+MINIMISE_FROM = 8
+"""Newton's steps after which bounds are taken anew only at a minimum."""
+RELAX_FROM = 6
+"""Minima after which they go half of the way."""
 
 
 @kernel
@@ -139,8 +151,9 @@ def _push(h: float, laws: Array, contacts: Contacts, fraction: float, trial: Arr
         for i in range(6):
             trial[i] = velocity[c, i] - fraction * change[c, i]
         contacts.push[c] = contact_force(
-            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.normal[c], trial, force[c]
-        )
+            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.load[c],
+            contacts.normal[c], contacts.springs[c], trial, force[c],
+        )  # fmt: skip
         for i in range(6):
             power += force[c, i] * change[c, i]
     return power
@@ -196,8 +209,8 @@ def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch)
             hessian[i, j] = a[i, j]
     for c in range(contacts.count[0]):
         contact_slope(
-            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.normal[c],
-            contacts.velocity[c], contacts.push[c], slope,
+            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.load[c],
+            contacts.normal[c], contacts.springs[c], contacts.velocity[c], slope,
         )  # fmt: skip
         start, stop, finger, body = _columns(contacts, c, size)
         vxx, vxy, vxz = h * slope[0, 0, 0], h * slope[0, 0, 1], h * slope[0, 0, 2]
@@ -242,6 +255,24 @@ def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch)
 
 
 @kernel
+def _take_bounds(contacts: Contacts, share: float) -> None:
+    """Let the bounds go by ``share`` of the way to those of the normal forces in the table."""
+    for c in range(contacts.count[0]):
+        contacts.load[c] += share * (contacts.push[c] - contacts.load[c])
+
+
+@kernel
+def _bounds_hold(h: float, laws: Array, contacts: Contacts) -> bool:
+    for c in range(contacts.count[0]):
+        if not bounds_hold(
+            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.load[c],
+            contacts.normal[c], contacts.springs[c], contacts.velocity[c], contacts.push[c], BOUND_TOLERANCE,
+        ):  # fmt: skip
+            return False
+    return True
+
+
+@kernel
 def solve_contacts(
     a: Array, b: Array, v: Array, h: float, laws: Array, contacts: Contacts, room: Scratch
 ) -> tuple[float, int]:
@@ -261,14 +292,26 @@ def solve_contacts(
         velocity[c, 2] += contacts.rise[c]
         for i in range(6):
             change[c, i] = 0.0
+    _push(h, laws, contacts, 0.0, room.trial)  # of the normal forces alone
+    _take_bounds(contacts, 1.0)
     _push(h, laws, contacts, 0.0, room.trial)
+    left, minima = np.inf, 0
     for iteration in range(NEWTON_LIMIT + 1):
         _residual(smooth, h, contacts, residual)
         left = 0.0
         for i in range(size):
             left = max(left, abs(residual[i]) / a[i, i])
-        if not left > VELOCITY_TOLERANCE or iteration == NEWTON_LIMIT:
+        minimal = left <= VELOCITY_TOLERANCE
+        last = iteration == NEWTON_LIMIT
+        if (minimal or last) and _bounds_hold(h, laws, contacts):
             break
+        if last or not left < np.inf:
+            return np.inf, iteration
+        if minimal or 0 < iteration < MINIMISE_FROM:
+            minima += 1 if minimal else 0
+            _take_bounds(contacts, 1.0 if minima < RELAX_FROM else 0.5)
+            _push(h, laws, contacts, 0.0, room.trial)
+            _residual(smooth, h, contacts, residual)
         _hessian(a, h, laws, contacts, room)
         for i in range(size):
             step[i] = residual[i]

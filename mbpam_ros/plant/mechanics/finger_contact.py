@@ -70,8 +70,8 @@ def _overlap(one: Array, other: Array) -> bool:
 
 
 @kernel
-def append_finger_contacts(bases: Array, rod: Rod, motion: Motion, room: Lines, contacts: Contacts) -> None:
-    """Append the contacts of all fingers with each other."""
+def append_finger_contacts(bases: Array, rod: Rod, motion: Motion, room: Lines, slot: int, contacts: Contacts) -> None:
+    """Append the contacts of all fingers with each other, in slots from ``slot`` on."""
     if not fingers_near(bases, rod, motion, room):
         return
     _write_points(bases, rod, motion, _FINE_STRIDE, room.points)
@@ -82,8 +82,9 @@ def append_finger_contacts(bases: Array, rod: Rod, motion: Motion, room: Lines, 
                 if not complete:
                     _write_points(bases, rod, motion, 1, room.points)
                     complete = True
-                _ball_contacts(bases, rod, motion, f, g, room, contacts)
-                _ball_contacts(bases, rod, motion, g, f, room, contacts)
+                pair = slot + (g * (g - 1) + 2 * f) * rod.balls.shape[0]
+                _ball_contacts(bases, rod, motion, f, g, room, pair, contacts)
+                _ball_contacts(bases, rod, motion, g, f, room, pair + rod.balls.shape[0], contacts)
 
 
 @kernel
@@ -132,7 +133,7 @@ def _nearest_point(points: Array, spacing: float, place: Vector) -> tuple[float,
 
 @kernel
 def _ball_contacts(
-    bases: Array, rod: Rod, motion: Motion, one: int, other: int, room: Lines, contacts: Contacts
+    bases: Array, rod: Rod, motion: Motion, one: int, other: int, room: Lines, slot: int, contacts: Contacts
 ) -> None:
     """Append the contacts of the balls of finger ``one`` with the centreline of the ``other``."""
     balls, line = rod.balls.shape[0], room.points[other]
@@ -151,6 +152,7 @@ def _ball_contacts(
         n = contacts.count[0]
         contacts.count[0] = n + 1
         contacts.depth[n], contacts.rise[n], contacts.kind[n] = depth, 0.0, ContactKind.FINGER_FINGER
+        contacts.slot[n] = slot + k
         # Half the length about the ball, over the radius; the rounded tip counts as one radius more.
         length = rod.spacing if 0 < k < balls - 1 else 0.5 * rod.spacing
         contacts.share[n] = 0.5 * (length / rod.radius + (1.0 if k == balls - 1 else 0.0))

@@ -22,8 +22,7 @@ is less than the error of the step.
 
 Stability: elastic, damping and contact terms are implicit, so neither k, eta nor the contact stiffness limits the
 step; gravity and velocity terms are explicit and ask for h sqrt(g / l) < 1 and h |dq/dt| < 1, which 10 ms meet.
-Contact points, normals and friction loads are those at the start of the sub-step; it is this that sets the error in
-contact.
+Contact points and normals are those at the start of the sub-step; it is this that sets the error in contact.
 
 Sweeps go on from what the sub-step before saw at its midpoint, and the contact solution from where the change of the
 velocities before leads; both outlast a call, so that a span cut into calls ends as it does in one, to
@@ -43,7 +42,7 @@ from numpy.typing import NDArray
 
 from mbpam_ros.geometry import rotations, surfaces
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
-from mbpam_ros.plant.mechanics.contact_law import Contacts, contact_table
+from mbpam_ros.plant.mechanics.contact_law import Contacts, Grip, contact_table, no_grip, recall, remember
 from mbpam_ros.plant.mechanics.contact_search import (
     Places,
     Surroundings,
@@ -86,12 +85,22 @@ class State(NamedTuple):
         shape: coordinates q of the muscles [rad], shape (4 D,).
         velocity: their rates and, with an object, its linear and angular velocity, shape (4 D,) or (4 D + 6,).
         position, orientation: of the object, shapes (3,) and (4,).
+        held, slots, springs: what the springs of the contacts hold, the three of a
+            :class:`~mbpam_ros.plant.mechanics.contact_law.Grip`.
     """
 
     shape: Array
     velocity: Array
     position: Array
     orientation: Array
+    held: NDArray[np.int64]
+    slots: NDArray[np.int64]
+    springs: Array
+
+
+def new_state(contacts: Contacts, shape: Array, velocity: Array, position: Array, orientation: Array) -> State:
+    """Return the state of these arrays; contacts hold nothing yet."""
+    return State(shape, velocity, position, orientation, *no_grip(len(contacts.depth)))
 
 
 class Drive(NamedTuple):
@@ -446,6 +455,7 @@ def _touch(state: State, system: System, lift: float, hand_velocity: float, work
         system.bases, system.rod, work.motion, system.surroundings, state.position, work.rotation, lift, hand_velocity,
         work.spots, work.room_of_lines, contacts,
     )  # fmt: skip
+    recall(Grip(state.held, state.slots, state.springs), contacts)
     touching: bool = contacts.count[0] > 0
     for i in range(state.velocity.shape[0]):
         first[i] = i // coordinates * coordinates if i < muscles else (0 if touching else muscles)
@@ -557,6 +567,7 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
             answer = _move(state, work.start, system.step_s, system.rod.stretches.shape[1], work.theta, work.turn)
         if answer != OK:
             return answer, iterations
+        remember(system.step_s, system.laws, contacts, Grip(state.held, state.slots, state.springs))
         _look_ahead(state.velocity, work.start, ahead, work.gain, work.ahead)
         midpoint, ahead = not touching, True
     work.midpoint_known[0], work.ahead_known[0] = midpoint, ahead
@@ -576,8 +587,10 @@ def _sample() -> Parts:
         np.ones((1, 2, 1)), np.ones((1, 2, 0)), none, one, none[0], 1.0, square, none[0], one, pair, pair, 1.0, 1.0, 1.0
     )
     around = Surroundings(-1, np.zeros(3), np.zeros((0, 3)), False, False)
-    system = System(1.0, 1, np.zeros(3), np.zeros((1, 3)), rod, 0.0, 0.0, np.zeros(3), around, np.zeros((5, 7)))
-    return assemble(State(np.zeros(2), np.zeros(2), np.zeros(3), np.zeros(4)), system, contact_table(1, 2))
+    system = System(1.0, 1, np.zeros(3), np.zeros((1, 3)), rod, 0.0, 0.0, np.zeros(3), around, np.zeros((5, 6)))
+    contacts = contact_table(1, 2)
+    state = new_state(contacts, np.zeros(2), np.zeros(2), np.zeros(3), np.zeros(4))
+    return assemble(state, system, contacts)
 
 
 _write, _read = access(_sample())

@@ -29,12 +29,12 @@ from mbpam_ros.plant.mechanics.step import (
     TOO_FAST,
     TOO_LONG,
     Drive,
-    State,
     System,
     advance,
     assemble,
     bind,
     forget,
+    new_state,
 )
 from mbpam_ros.plant.tiers.base import (
     CENTRELINE_POINTS,
@@ -117,9 +117,9 @@ class RodTier(Tier):
         self._coordinates = self._fingers * columns
         rates = self._coordinates + (0 if body is None else 6)
         self._memory = np.zeros(self._coordinates + rates + 7)
-        state = State(*np.split(self._memory, np.cumsum([self._coordinates, rates, 3])))
-        most = contact_limit(self._fingers, len(planes), setup.fingers_touch)
-        self._parts = assemble(state, system, contact_table(most, columns))
+        contacts = contact_table(contact_limit(self._fingers, len(planes), setup.fingers_touch), columns)
+        state = new_state(contacts, *np.split(self._memory, np.cumsum([self._coordinates, rates, 3])))
+        self._parts = assemble(state, system, contacts)
         drive = self._parts.drive
         self._start, self._now = (_acting(Drive(*(part[end] for part in drive))) for end in (0, 1))
         damped = config.retardation_time_s > 0.0
@@ -132,6 +132,7 @@ class RodTier(Tier):
             raise TierError("muscles that stretch or twist need an actuation that says how: give it a strain law")
         body, state = self._setup.body, self._parts.state
         self._memory[:] = 0.0
+        state.held[0] = 0
         _write(self._now, actuation)
         state.orientation[3] = 1.0
         if body is not None:
@@ -145,11 +146,14 @@ class RodTier(Tier):
     def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
         _write(self._start, self._now)
         _write(self._now, actuation)
-        memory = self._memory.copy()
+        state, memory = self._parts.state, self._memory.copy()
+        held = int(state.held[0])
+        slots, springs = state.slots[:held].copy(), state.springs[:held].copy()
         answer, self.iterations = self._advance(hand_height_m, hand_velocity_m_s)
         self._shown = False
         if answer != OK:
             self._memory[:] = memory
+            state.held[0], state.slots[:held], state.springs[:held] = held, slots, springs
             _write(self._now, self._start)
             self._begin()
             remedy = _REMEDY.capitalize()
