@@ -44,14 +44,16 @@ from mbpam_ros.geometry import rotations, surfaces
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
 from mbpam_ros.plant.mechanics.contact_law import Contacts, Grip, contact_table, no_grip, recall, remember
 from mbpam_ros.plant.mechanics.contact_search import (
+    PLATE_THICKNESS_M,
     Places,
     Surroundings,
     find_contacts,
     places,
 )
-from mbpam_ros.plant.mechanics.contact_solver import Scratch, scratch, solve_contacts, solve_in_place
-from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines
+from mbpam_ros.plant.mechanics.contact_solver import Scratch, find_islands, scratch, solve_contacts, solve_in_place
+from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines, near_ball, write_boxes
 from mbpam_ros.plant.mechanics.kernel import kernel
+from mbpam_ros.plant.mechanics.outlook import Outlook
 from mbpam_ros.plant.mechanics.packed_arguments import Block, access, new_block
 from mbpam_ros.plant.mechanics.rod import (
     LARGEST_STRETCH,
@@ -65,8 +67,11 @@ from mbpam_ros.plant.mechanics.rod import (
 )
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross, dot, norm, plus, times, vector
 
-OK, NOT_FINITE, TOO_FAST, NOT_SOLVED, TOO_BENT, TOO_LONG = 0, 1, 2, 3, 4, 5
+OK, NOT_FINITE, TOO_FAST, NOT_SOLVED, TOO_BENT, TOO_LONG, TOO_DEEP = 0, 1, 2, 3, 4, 5, 6
 """What a step answers."""
+
+LOOKS = 5
+"""How often a step may be done again because something moved farther than what was looked for."""
 
 SOLVED_M_S = 1e-4
 """What may be left of the contact equations."""
@@ -193,22 +198,33 @@ class Room(NamedTuple):
     work: Array
 
 
+def room_of(rod: Rod, fingers: int) -> Room:
+    """Return the room for muscles with this rod."""
+    columns = coordinates_of(rod)
+    shape, rate, load = (np.zeros((fingers, columns)) for _ in range(3))
+    return Room(shape, rate, load, np.zeros((fingers, columns, columns)), room_for_loads(rod))
+
+
 class Work(NamedTuple):
     """Room for a step, and what the next one goes on from.
 
     Args:
-        midpoint_known: whether ``motion`` and ``room`` are those at the last midpoint, shape (1,).
+        midpoint_known: of each muscle, whether ``motion`` and ``room`` are those at its last midpoint, shape (4,).
         ahead_known: whether ``ahead`` holds, shape (1,).
         motion: where the last sweep saw the muscles.
+        touch_motion: where the search for contacts saw them: at the start.
         gain, ahead: of the velocities in the last sub-step, and in the next one if they go on as in the last two.
         a, b, start: of the equations a v = b, and the velocities before, shapes (n, n), (n,) and (n,).
         theta, rotation, middle, turn: of the bodies (5,) and of the object, (3, 3), (4,) and (3,).
+        way: how far anything moved in the last sub-step at the most [m], shape (1,).
+        touch_room: of the muscles at the start.
         room, spots, room_of_lines, equations: of the muscles, the contact search and the contact solution.
     """
 
     midpoint_known: NDArray[np.bool_]
     ahead_known: NDArray[np.bool_]
     motion: Motion
+    touch_motion: Motion
     gain: Array
     ahead: Array
     a: Array
@@ -218,6 +234,8 @@ class Work(NamedTuple):
     rotation: Array
     middle: Array
     turn: Array
+    way: Array
+    touch_room: Room
     room: Room
     spots: Places
     room_of_lines: Lines
@@ -249,7 +267,6 @@ def new_drive(fingers: int) -> Drive:
 def assemble(state: State, system: System, contacts: Contacts) -> Parts:
     """Return the parts with room for the rest; nothing drives the muscles yet."""
     fingers, rod, size = len(system.bases), system.rod, len(state.velocity)
-    columns = coordinates_of(rod)
     return Parts(
         state,
         new_drive(fingers),
@@ -258,9 +275,10 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
         motion_at_rest(rod, fingers),
         Forces(np.zeros((fingers, 3)), np.zeros(3), np.zeros(3), np.zeros((fingers, 3))),
         Work(
-            midpoint_known=np.zeros(1, np.bool_),
+            midpoint_known=np.zeros(fingers, np.bool_),
             ahead_known=np.zeros(1, np.bool_),
             motion=motion_at_rest(rod, fingers),
+            touch_motion=motion_at_rest(rod, fingers),
             gain=np.zeros(size),
             ahead=np.zeros(size),
             a=np.zeros((size, size)),
@@ -270,16 +288,12 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
             rotation=np.eye(3),
             middle=np.zeros(4),
             turn=np.zeros(3),
-            room=Room(
-                np.zeros((fingers, columns)),
-                np.zeros((fingers, columns)),
-                np.zeros((fingers, columns)),
-                np.zeros((fingers, columns, columns)),
-                room_for_loads(rod),
-            ),
+            way=np.zeros(1),
+            touch_room=room_of(rod, fingers),
+            room=room_of(rod, fingers),
             spots=places(system.surroundings),
             room_of_lines=lines(rod, fingers),
-            equations=scratch(size, columns, fingers),
+            equations=scratch(size, fingers + 1, len(contacts.depth)),
         ),
     )
 
@@ -441,46 +455,114 @@ def _sum_forces(contacts: Contacts, forces: Forces) -> None:
 
 
 @kernel
-def _may_touch(around: Surroundings) -> bool:
-    """Whether there is anything but muscles that a muscle may reach, or an object that may touch something else."""
-    return around.shape >= 0 or around.table_in_reach
+def _farthest(state: State, start: Array, system: System, theta: Array, hand_velocity: float) -> float:
+    """Return how far two bodies may come nearer to each other in a sub-step, at the most [m].
 
-
-@kernel(inline="always")
-def _touch(state: State, system: System, lift: float, hand_velocity: float, work: Work, contacts: Contacts) -> bool:
-    """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
-    muscles, coordinates, theta, first = state.shape.shape[0], contacts.coordinates, work.theta, work.equations.first
-    write_rotation(state.orientation, work.rotation)
-    find_contacts(
-        system.bases, system.rod, work.motion, system.surroundings, state.position, work.rotation, lift, hand_velocity,
-        work.spots, work.room_of_lines, contacts,
-    )  # fmt: skip
-    recall(Grip(state.held, state.slots, state.springs), contacts)
-    touching: bool = contacts.count[0] > 0
-    for i in range(state.velocity.shape[0]):
-        first[i] = i // coordinates * coordinates if i < muscles else (0 if touching else muscles)
-    for c in range(contacts.count[0]):
-        theta[contacts.finger[c]] = 1.0  # -1, none: the object's, which is the last
-        if contacts.kind[c] == ContactKind.FINGER_FINGER:
-            other = contacts.other[c]
-            theta[other] = 1.0
-            for i in range(coordinates * other, coordinates * (other + 1)):
-                first[i] = min(first[i], coordinates * contacts.finger[c])
-        elif contacts.kind[c] != ContactKind.FINGER_SUPPORT:
-            theta[-1] = 1.0
-    return touching
+    No section of a muscle turns faster than the sum of its rates; an object's farthest point is in a corner.
+    """
+    muscles, fingers, fastest = state.shape.shape[0], theta.shape[0] - 1, 0.0
+    size, length = muscles // fingers, system.rod.farthest * system.rod.balls.shape[0]
+    for f in range(fingers):
+        rates = 0.0
+        for i in range(f * size, (f + 1) * size):
+            rates += abs((1.0 - theta[f]) * start[i] + theta[f] * state.velocity[i])
+        fastest = max(fastest, length * rates)
+    other = fastest
+    if state.velocity.shape[0] > muscles:
+        v, w, half = vector(state.velocity, muscles), vector(state.velocity, muscles + 3), system.surroundings.half
+        other = max(fastest, norm(v) + norm(w) * norm(vector(half, 0)))
+    return system.step_s * (fastest + other + abs(hand_velocity))
 
 
 @kernel
-def _solve_in_the_air(a: Array, b: Array, first: NDArray[np.int64], velocity: Array) -> tuple[bool, float]:
-    """Solve a v = b; return whether it could be, and by how much a velocity differs from the last sweep's."""
-    if not solve_in_place(a, b, first):
-        return False, 0.0
+def _near(parts: Parts, lift: float, gap: float) -> bool:
+    """Whether anything may touch: what is nearer than ``gap`` to where the last sweep saw the muscles may."""
+    system, work, around = parts.system, parts.work, parts.system.surroundings
+    if around.table_in_reach:
+        return True
+    if around.shape < 0 and not around.fingers_touch:
+        return False
+    for f in range(work.midpoint_known.shape[0]):
+        if not work.midpoint_known[f]:
+            return True
+    write_boxes(system.bases, system.rod, work.motion, 0.5 * gap, work.room_of_lines)
+    if around.fingers_touch and fingers_near(work.room_of_lines):
+        return True
+    x, y, z = vector(parts.state.position, 0)
+    radius = norm(vector(around.half, 0)) + 0.5 * gap
+    return around.shape >= 0 and near_ball(work.room_of_lines, (x, y, z + lift), radius)
+
+
+@kernel(inline="always")
+def _touch(
+    state: State, system: System, lift: float, hand_velocity: float, near: bool, outlook: Outlook, work: Work,
+    contacts: Contacts,
+) -> bool:  # fmt: skip
+    """Find the contacts and which bodies they tie to each other, choose theta for each; say whether anything touches.
+
+    Where nothing is ``near`` a muscle only the object and what it rests on are looked at.
+    """
+    write_rotation(state.orientation, work.rotation)
+    find_contacts(
+        system.bases, system.rod, work.touch_motion, system.surroundings, state.position, work.rotation, lift,
+        hand_velocity, near, outlook, work.spots, work.room_of_lines, contacts,
+    )  # fmt: skip
+    recall(Grip(state.held, state.slots, state.springs), contacts)
+    bodies = work.theta.shape[0]
+    find_islands(contacts, bodies, work.equations.island)
+    for body in range(bodies):
+        work.theta[body] = 1.0 if work.equations.island[body] >= 0 else 0.5
+    return bool(contacts.count[0] > 0)
+
+
+@kernel
+def _too_deep(h: float, radius: float, contacts: Contacts) -> bool:
+    """Whether anything ends so deep in something else that it would come out behind, or beside."""
+    for c in range(contacts.count[0]):
+        depth = contacts.depth[c] - h * dot(vector(contacts.normal[c], 0), vector(contacts.velocity[c], 0))
+        most = PLATE_THICKNESS_M if contacts.finger[c] < 0 else radius
+        if depth > most:
+            return True
+    return False
+
+
+@kernel
+def _solve_muscles(
+    a: Array, b: Array, size: int, theta: Array, island: NDArray[np.int64], room: Scratch, velocity: Array
+) -> tuple[bool, float]:
+    """Solve a v = b of the muscles that touch nothing; return whether it could be, and the largest change."""
     changed = 0.0
-    for i in range(velocity.shape[0]):
-        changed = max(changed, abs(b[i] - velocity[i]))
-        velocity[i] = b[i]
+    for f in range(theta.shape[0] - 1):
+        if island[f] >= 0:
+            continue
+        for i in range(f * size, (f + 1) * size):
+            room.first[i] = f * size
+        if not solve_in_place(a, b, room.first, f * size, (f + 1) * size):
+            return False, 0.0
+        for i in range(f * size, (f + 1) * size):
+            changed = max(changed, abs(b[i] - velocity[i]))
+            velocity[i] = b[i]
     return True, changed
+
+
+@kernel
+def _move_object_freely(state: State, start: Array, system: System, work: Work) -> bool:
+    """Write the velocities of an object that touches nothing."""
+    n, size, first = state.shape.shape[0], state.velocity.shape[0], work.equations.first
+    for sweep in range(system.sweeps):
+        share = 0.5 if sweep > 0 else 0.0
+        _object_equations(state, start, system, share, work.rotation, work.middle, work.a, work.b)
+        for i in range(n, size):
+            first[i] = n
+        if not solve_in_place(work.a, work.b, first, n, size):
+            return False
+        changed = 0.0
+        for i in range(n, size):
+            changed = max(changed, abs(work.b[i] - state.velocity[i]))
+            state.velocity[i] = work.b[i]
+        if changed < FOUND_RAD_S:
+            break
+    return True
 
 
 @kernel
@@ -493,51 +575,94 @@ def _look_ahead(velocity: Array, start: Array, extrapolate: bool, gain: Array, a
 
 
 @kernel(inline="always")
-def _find_velocities(
-    parts: Parts, heights: Array, rates: Array, step: int, midpoint: bool, ahead: bool
-) -> tuple[int, int, bool]:
-    """Write the velocities after a sub-step; return OK or what went wrong, Newton's steps, and whether it touches.
+def _find_velocities(parts: Parts, heights: Array, rates: Array, step: int, ahead: bool) -> tuple[int, int]:
+    """Write the velocities after a sub-step; return OK or what went wrong, and Newton's steps.
 
-    The first sweep is at the start, or, where nothing is in reach, with what the step before saw at its midpoint. Later
-    ones are at the midpoint that the one before found.
+    Bodies that touch are solved island by island, at the start. Each other one is solved alone: the first sweep has
+    what the step before saw at its midpoint, later ones are at the midpoint that the one before found. If then
+    something moved farther than what was looked for, all is done again with a wider look.
     """
     state, drive, system, contacts, work = parts.state, parts.drive, parts.system, parts.contacts, parts.work
-    motion, room, around = work.motion, work.room, system.surroundings
+    around, island, known = system.surroundings, work.equations.island, work.midpoint_known
+    muscles, rows = state.shape.shape[0], state.velocity.shape[0]
+    fingers = known.shape[0]
+    size, iterations, lift, hand = muscles // fingers, 0, heights[step], rates[step + 1]
     blend = (step + 0.5) / (heights.shape[0] - 1)
     gravity = (
         system.gravity[0],
         system.gravity[1],
         system.gravity[2] + (rates[step + 1] - rates[step]) / system.step_s,
     )
-    in_reach, touching = _may_touch(around), False
-    # Whether fingers may meet is asked of where the last sweep saw them, which costs no motion of its own.
-    near = in_reach or (around.fingers_touch and fingers_near(system.bases, system.rod, motion, work.room_of_lines))
-    for sweep in range(system.sweeps):
-        share = 0.5 if sweep > 0 else 0.0
-        anew = in_reach or sweep > 0 or not midpoint
-        if anew or near:
-            _move_muscles(state, work.start, system, share, motion, room)
-        if sweep == 0 and near:
-            touching = _touch(state, system, heights[step], rates[step + 1], work, contacts)
-        if anew or touching:
-            masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
-        _muscle_equations(state, work.start, system, drive, blend, work.theta, room, work.a, work.b)
-        if state.velocity.shape[0] > state.shape.shape[0]:
-            _object_equations(state, work.start, system, share, work.rotation, work.middle, work.a, work.b)
-        if touching:  # contact is of first order: the midpoint would not help
-            if ahead:
-                for i in range(state.velocity.shape[0]):
-                    state.velocity[i] += work.ahead[i]
-            left, count = solve_contacts(
-                work.a, work.b, state.velocity, system.step_s, system.laws, contacts, work.equations
+    pull = system.step_s * system.step_s * norm(gravity)
+    reach = pull + 1.5 * (work.way[0] + system.step_s * abs(hand))
+    for _ in range(LOOKS):
+        seen, touching = False, False
+        near = _near(parts, lift, max(reach, system.rod.radius) + work.way[0])
+        for body in range(fingers + 1):
+            island[body], work.theta[body] = -1, 0.5
+        contacts.count[0] = 0
+        for i in range(rows):
+            state.velocity[i] = work.start[i]
+        if near or around.shape >= 0:
+            if near:
+                _move_muscles(state, work.start, system, 0.0, work.touch_motion, work.touch_room)
+                seen = True
+            outlook = Outlook(system.step_s, reach, pull, work.start, muscles)
+            touching = _touch(state, system, lift, hand, near, outlook, work, contacts)
+        anew = False
+        for f in range(fingers):
+            anew = anew or (island[f] < 0 and not known[f])
+        if anew and not seen:
+            _move_muscles(state, work.start, system, 0.0, work.touch_motion, work.touch_room)
+        free = False
+        for f in range(fingers):
+            free = free or island[f] < 0
+            anew = anew or island[f] >= 0
+        if anew:
+            masses_and_loads(
+                system.rod, work.touch_motion, gravity, work.touch_room.work, work.touch_room.mass, work.touch_room.load
             )
-            return OK if left < SOLVED_M_S else NOT_SOLVED, count, True
-        solved, changed = _solve_in_the_air(work.a, work.b, work.equations.first, state.velocity)
-        if not solved:
-            return NOT_FINITE, 0, False
-        if changed < FOUND_RAD_S:
+        if touching:
+            for i in range(rows if ahead else 0):
+                if island[min(i // size, fingers)] >= 0:
+                    state.velocity[i] += work.ahead[i]
+            _muscle_equations(state, work.start, system, drive, blend, work.theta, work.touch_room, work.a, work.b)
+            if island[fingers] >= 0:
+                _object_equations(state, work.start, system, 0.0, work.rotation, work.middle, work.a, work.b)
+            for body in range(fingers + 1):
+                if island[body] == body:
+                    left, count = solve_contacts(
+                        work.a, work.b, state.velocity, body, system.step_s, system.laws, contacts, work.equations
+                    )
+                    iterations = max(iterations, count)
+                    if not left < SOLVED_M_S:
+                        return NOT_SOLVED, iterations
+        if rows > muscles and island[fingers] < 0 and not _move_object_freely(state, work.start, system, work):
+            return NOT_FINITE, iterations
+        for f in range(fingers):
+            if island[f] < 0 and not known[f]:
+                for i in range(size):
+                    work.room.load[f, i] = work.touch_room.load[f, i]
+                    for j in range(size):
+                        work.room.mass[f, i, j] = work.touch_room.mass[f, i, j]
+        for sweep in range(system.sweeps if free else 0):
+            if sweep > 0:
+                _move_muscles(state, work.start, system, 0.5, work.motion, work.room)
+                masses_and_loads(system.rod, work.motion, gravity, work.room.work, work.room.mass, work.room.load)
+            _muscle_equations(state, work.start, system, drive, blend, work.theta, work.room, work.a, work.b)
+            solved, changed = _solve_muscles(work.a, work.b, size, work.theta, island, work.equations, state.velocity)
+            if not solved:
+                return NOT_FINITE, iterations
+            if changed < FOUND_RAD_S:
+                break
+        work.way[0] = _farthest(state, work.start, system, work.theta, hand)
+        if not (near or around.shape >= 0 or around.fingers_touch) or work.way[0] <= max(reach, system.rod.radius):
             break
-    return OK, 0, False
+        reach = 1.1 * work.way[0]
+        pull = reach
+    for f in range(fingers):
+        known[f] = island[f] < 0
+    return TOO_DEEP if _too_deep(system.step_s, system.rod.radius, contacts) else OK, iterations
 
 
 @kernel(inline="always")
@@ -552,32 +677,30 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     if steps == 0:
         _move_muscles(state, state.velocity, system, 0.0, parts.motion, work.room)
         return OK, 0
-    iterations, midpoint, ahead = 0, work.midpoint_known[0], work.ahead_known[0]
-    work.midpoint_known[0] = work.ahead_known[0] = False  # unless all goes well
-    if system.surroundings.fingers_touch and not midpoint:
-        _move_muscles(state, state.velocity, system, 0.0, work.motion, work.room)
+    iterations, ahead = 0, work.ahead_known[0]
+    work.ahead_known[0] = False  # unless all goes well
     for step in range(steps):
-        contacts.count[0] = 0
-        work.theta[:] = 0.5
         for i in range(state.velocity.shape[0]):
             work.start[i] = state.velocity[i]
-        answer, count, touching = _find_velocities(parts, heights, rates, step, midpoint, ahead)
+        answer, count = _find_velocities(parts, heights, rates, step, ahead)
         iterations = max(iterations, count)
         if answer == OK:
             answer = _move(state, work.start, system.step_s, system.rod.stretches.shape[1], work.theta, work.turn)
         if answer != OK:
+            work.midpoint_known[:] = False
             return answer, iterations
         remember(system.step_s, system.laws, contacts, Grip(state.held, state.slots, state.springs))
         _look_ahead(state.velocity, work.start, ahead, work.gain, work.ahead)
-        midpoint, ahead = not touching, True
-    work.midpoint_known[0], work.ahead_known[0] = midpoint, ahead
+        ahead = True
+    work.ahead_known[0] = ahead
     _sum_forces(contacts, parts.forces)
     return OK, iterations
 
 
 def forget(work: Work) -> None:
     """Let the next step go on from the state alone."""
-    work.midpoint_known[0] = work.ahead_known[0] = False
+    work.midpoint_known[:] = False
+    work.ahead_known[0] = False
 
 
 def _sample() -> Parts:

@@ -26,6 +26,7 @@ from mbpam_ros.plant.mechanics.step import (
     NOT_SOLVED,
     OK,
     TOO_BENT,
+    TOO_DEEP,
     TOO_FAST,
     TOO_LONG,
     Drive,
@@ -62,8 +63,10 @@ _REASONS = {
     TOO_BENT: f"a bend is beyond {np.degrees(LARGEST_BEND_RAD):.0f} deg",
     TOO_LONG: f"a muscle is longer or shorter by more than {LARGEST_STRETCH:.0%}",
     NOT_SOLVED: "the contact equations were not solved",
+    TOO_DEEP: "something is pushed into something else by more than 10 mm, and would come out behind it",
 }
 _REMEDY = "use a smaller sub_step_s, a smaller contact stiffness, or a larger retardation_time_s or damping."
+_SOFT = "use a smaller sub_step_s, a greater contact stiffness, or less mass, speed or pressure."
 
 
 class RodTier(Tier):
@@ -156,7 +159,7 @@ class RodTier(Tier):
             state.held[0], state.slots[:held], state.springs[:held] = held, slots, springs
             _write(self._now, self._start)
             self._begin()
-            remedy = _REMEDY.capitalize()
+            remedy = (_REMEDY if answer != TOO_DEEP else _SOFT).capitalize()
             bend = np.hypot(*actuation.moment_n_m.T) * self._setup.geometry.active_length_m / actuation.stiffness_n_m2
             if answer == TOO_BENT and bend.max() > 0.5 * LARGEST_BEND_RAD:  # swings go twice as far
                 remedy = (
