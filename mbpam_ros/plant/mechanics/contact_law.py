@@ -157,10 +157,11 @@ def contact_force(
 ) -> float:  # fmt: skip
     """Write force and torque (6,) on the pushed body for the relative velocity v (6,) after the step; return f.
 
-    ``load`` is the f of the bounds.
+    ``load`` is the f of the bounds; below 0, that which is returned.
     """
     n = vector(normal, 0)
     f, along, spin, rolling = _unbounded(law, h, depth, share, n, springs, v)
+    load = load if load >= 0.0 else f
     along = times(-_part(norm(along), law.friction * load), along)
     spin *= -_part(abs(spin), law.spin * load)
     rolling = times(-_part(norm(rolling), law.roll * load), rolling)
@@ -230,16 +231,18 @@ def recall(grip: Grip, contacts: Contacts) -> None:
 
 @kernel
 def remember(h: float, laws: Array, contacts: Contacts, grip: Grip) -> None:
-    """Keep what the springs hold after the step."""
+    """Keep what the springs hold after the step; of a step in which a gap closes, only the part after that counts."""
     grip.count[0] = contacts.count[0]
     for c in range(contacts.count[0]):
         law, load, share = law_of(laws, contacts.kind[c]), contacts.push[c], contacts.share[c]
         n, before, after = vector(contacts.normal[c], 0), contacts.springs[c], grip.springs[c]
         velocity, turning = vector(contacts.velocity[c], 0), vector(contacts.velocity[c], 3)
         vn, wn = dot(n, velocity), dot(n, turning)
-        along = plus(vector(before, 0), times(h, minus(velocity, times(vn, n))))
-        rolling = plus(vector(before, 3), times(h, minus(turning, times(wn, n))))
-        spin = before[6] + h * wn
+        way = contacts.depth[c] - h * vn  # the depth after the step
+        touched = h if contacts.depth[c] >= 0.0 else h * max(way, 0.0) / max(-h * vn, way, 1e-300)
+        along = plus(vector(before, 0), times(touched, minus(velocity, times(vn, n))))
+        rolling = plus(vector(before, 3), times(touched, minus(turning, times(wn, n))))
+        spin = before[6] + touched * wn
         stiff = share * SHEAR * law.stiffness
         tilt = stiff * law.patch * law.patch
         along = times(_part(stiff * norm(along), law.friction * load), along)

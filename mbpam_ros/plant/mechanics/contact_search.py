@@ -20,7 +20,7 @@ from mbpam_ros.plant.mechanics.contact_config import ContactKind
 from mbpam_ros.plant.mechanics.contact_law import Contacts
 from mbpam_ros.plant.mechanics.finger_contact import Lines, append_finger_contacts
 from mbpam_ros.plant.mechanics.kernel import kernel
-from mbpam_ros.plant.mechanics.outlook import Outlook, closes
+from mbpam_ros.plant.mechanics.outlook import Outlook, ball_velocity, closes, object_velocity, write_rates
 from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, minus, plus, row, times, to_body, to_world, vector
 
@@ -63,7 +63,7 @@ def places(around: Surroundings) -> Places:
     plane = np.zeros(3)
     if around.table_in_reach:
         plane[2] = around.planes[-1, 0]
-    return Places(np.zeros(3), plane, np.eye(3), np.zeros((REST_POINTS, 3)))
+    return Places(np.zeros(3), plane, np.eye(3), np.zeros((REST_POINTS, 5)))
 
 
 def contact_limit(fingers: int, planes: int, fingers_touch: bool = False) -> int:
@@ -93,13 +93,13 @@ def _muscle_contacts(
 
     The distance changes by no more than the arc length: far from the solid, balls are left out.
     """
-    tangent, balls = motion.tangent[finger], rod.balls.shape[0]
+    balls = rod.balls.shape[0]
     sign = 1.0 if shape == PLANE else -1.0  # what is pushed: the muscle by a plane, or the object by the muscle
     nearest = 0  # the next ball that may touch
     for k in range(balls):
         if k < nearest:
             continue
-        place = minus(plus(ball_position(rod, tangent, k), vector(base, 0)), vector(centre, 0))
+        place = minus(plus(ball_position(rod, motion, finger, k), vector(base, 0)), vector(centre, 0))
         x, y, z = to_body(rotation, place)
         distance, gx, gy, gz = signed_distance(shape, half, x, y, z)
         depth = rod.radius - distance
@@ -108,7 +108,13 @@ def _muscle_contacts(
             continue
         outward = to_world(rotation, (gx, gy, gz))
         arm = times(-0.5 * (distance + rod.radius), outward)  # to the point half-way between the two surfaces
+        muscle, solid = plus(ball_velocity(rod, outlook, finger, k), (0.0, 0.0, -rise)), (0.0, 0.0, 0.0)
+        if shape != PLANE:
+            solid = object_velocity(outlook, plus(place, arm))
+        if not closes(outlook, depth, outward, solid, muscle):
+            continue
         n = contacts.count[0]
+        contacts.count[0] = n + 1
         contacts.depth[n], contacts.slot[n], contacts.finger[n], contacts.rise[n] = (
             depth,
             slot + k,
@@ -124,8 +130,6 @@ def _muscle_contacts(
         ball_jacobian(rod, motion, finger, k, sign, arm, jacobian)
         if shape != PLANE:
             _object_columns(plus(place, arm), contacts.coordinates, jacobian)
-        if closes(contacts, n, outlook):
-            contacts.count[0] = n + 1
 
 
 @kernel
@@ -149,7 +153,8 @@ def _rest_contacts(
                 continue
             n = contacts.count[0]
             contacts.count[0] = n + 1
-            contacts.depth[n], contacts.share[n], contacts.slot[n] = depth, 1.0, slot + REST_POINTS * p + k
+            contacts.depth[n], contacts.share[n] = depth, points[k, 4]
+            contacts.slot[n] = slot + REST_POINTS * p + int(points[k, 3])
             contacts.normal[n, 0], contacts.normal[n, 1] = 0.0, 0.0
             contacts.normal[n, 2] = 1.0 if palm else -1.0
             contacts.rise[n] = hand_velocity if palm else 0.0
@@ -166,6 +171,8 @@ def find_contacts(
     """Fill the table from the configuration at the start of a sub-step; without muscles if nothing is ``near`` one."""
     base = room.base
     contacts.count[0] = 0
+    if near:
+        write_rates(motion, contacts.coordinates, outlook)
     for f in range(bases.shape[0] if near else 0):
         base[0], base[1], base[2] = bases[f, 0], bases[f, 1], bases[f, 2] - lift
         for kind in (ContactKind.FINGER_OBJECT, ContactKind.FINGER_SUPPORT):

@@ -96,10 +96,10 @@ class Scratch(NamedTuple):
 
 def scratch(size: int, bodies: int, contacts: int) -> Scratch:
     """Return room for ``size`` equations of so many bodies, the object last, and contacts."""
-    numbers = (np.zeros(n, np.int64) for n in (bodies, bodies, size, contacts))
-    lines = [np.empty(size) for _ in range(5)]
-    squares = (np.empty((size, size)), np.empty((size, size)))
-    return Scratch(*numbers, *squares, *lines, np.empty((2, 3, 3)), np.empty(6), np.zeros(size, np.int64))
+    island, place, rows, members, first = (np.zeros(n, np.int64) for n in (bodies, bodies, size, contacts, size))
+    v, smooth, pull, residual, step = (np.empty(size) for _ in range(5))
+    a, hessian, slope, trial = np.empty((size, size)), np.empty((size, size)), np.empty((2, 3, 3)), np.empty(6)
+    return Scratch(island, place, rows, members, a, hessian, v, smooth, pull, residual, step, slope, trial, first)
 
 
 @kernel
@@ -318,7 +318,7 @@ def _take_bounds(contacts: Contacts, count: int, room: Scratch, share: float) ->
     """Let the bounds go by ``share`` of the way to those of the normal forces in the table."""
     for member in range(count):
         c = room.members[member]
-        contacts.load[c] += share * (contacts.push[c] - contacts.load[c])
+        contacts.load[c] = share * contacts.push[c] + (1.0 - share) * contacts.load[c]
 
 
 @kernel
@@ -355,11 +355,11 @@ def solve_contacts(
     for member in range(count):
         c = room.members[member]
         velocity[c, 2] += contacts.rise[c]
+        contacts.load[c] = -1.0
         for i in range(6):
             change[c, i] = 0.0
-    _push(h, laws, contacts, count, room, 0.0)  # of the normal forces alone
-    _take_bounds(contacts, count, room, 1.0)
     _push(h, laws, contacts, count, room, 0.0)
+    _take_bounds(contacts, count, room, 1.0)
     left, minima = np.inf, 0
     for iteration in range(NEWTON_LIMIT + 1):
         _residual(n, h, contacts, count, room)

@@ -20,7 +20,7 @@ import numpy as np
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
 from mbpam_ros.plant.mechanics.contact_law import Contacts
 from mbpam_ros.plant.mechanics.kernel import kernel
-from mbpam_ros.plant.mechanics.outlook import Outlook, closes
+from mbpam_ros.plant.mechanics.outlook import Outlook, ball_velocity, closes
 from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position, coordinates_of
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, combined, dot, minus, norm, plus, row, times
 
@@ -52,7 +52,7 @@ def write_boxes(bases: Array, rod: Rod, motion: Motion, margin: float, room: Lin
         box = room.boxes[f]
         box[0, :], box[1, :] = np.inf, -np.inf
         for ball in range(0, rod.balls.shape[0], _STRIDE):
-            place = ball_position(rod, motion.tangent[f], ball)
+            place = ball_position(rod, motion, f, ball)
             for i in range(3):
                 box[0, i] = min(box[0, i], bases[f, i] + place[i] - slack)
                 box[1, i] = max(box[1, i], bases[f, i] + place[i] + slack)
@@ -117,7 +117,7 @@ def _write_points(bases: Array, rod: Rod, motion: Motion, stride: int, points: A
     """Write the places of every ``stride``-th ball of all fingers."""
     for f in range(bases.shape[0]):
         for ball in range(0, rod.balls.shape[0], stride):
-            place = plus(row(bases, f), ball_position(rod, motion.tangent[f], ball))
+            place = plus(row(bases, f), ball_position(rod, motion, f, ball))
             points[f, ball, 0], points[f, ball, 1], points[f, ball, 2] = place
 
 
@@ -175,20 +175,26 @@ def _ball_contacts(
             continue
         j = min(int(along), balls - 2)
         t = along - j
+        # From the finger of lower number into the other, which is the one that is pushed.
+        toward, start = 1.0 if one < other else -1.0, row(line, j)
+        across = combined(1.0, start, t, minus(row(line, j + 1), start), -1.0, centre)
+        if distance < _SAME_POINT_M:  # centrelines cross: apart as the clamps are
+            across = minus(row(bases, other), row(bases, one))
+        outward = times(1.0 / norm(across), across)
+        theirs = plus(
+            times(1.0 - t, ball_velocity(rod, outlook, other, j)), times(t, ball_velocity(rod, outlook, other, j + 1))
+        )
+        if not closes(outlook, depth, outward, ball_velocity(rod, outlook, one, k), theirs):
+            continue
         n = contacts.count[0]
+        contacts.count[0] = n + 1
         contacts.depth[n], contacts.rise[n], contacts.kind[n] = depth, 0.0, ContactKind.FINGER_FINGER
         contacts.slot[n] = slot + k
         # Half the length about the ball, over the radius; the rounded tip counts as one radius more.
         length = rod.spacing if 0 < k < balls - 1 else 0.5 * rod.spacing
         contacts.share[n] = 0.5 * (length / rod.radius + (1.0 if k == balls - 1 else 0.0))
         contacts.finger[n], contacts.other[n] = min(one, other), max(one, other)
-        # From the finger of lower number into the other, which is the one that is pushed.
-        toward, start = 1.0 if one < other else -1.0, row(line, j)
-        across = combined(1.0, start, t, minus(row(line, j + 1), start), -1.0, centre)
-        if distance < _SAME_POINT_M:  # centrelines cross: apart as the clamps are
-            across = minus(row(bases, other), row(bases, one))
-        apart = norm(across)
-        normal = (toward * across[0] / apart, toward * across[1] / apart, toward * across[2] / apart)
+        normal = times(toward, outward)
         contacts.normal[n, 0], contacts.normal[n, 1], contacts.normal[n, 2] = normal
         coordinates, jacobian = contacts.coordinates, contacts.jacobian[n].T
         arm = times(0.5 * toward * distance, normal)  # to the point half-way between the centrelines
@@ -204,5 +210,3 @@ def _ball_contacts(
         for i in range(6):
             for c in range(coordinates):
                 jacobian[i, others + c] = near[i, c] + far[i, c]
-        if closes(contacts, n, outlook):
-            contacts.count[0] = n + 1

@@ -52,7 +52,8 @@ from mbpam_ros.plant.mechanics.contact_search import (
 )
 from mbpam_ros.plant.mechanics.contact_solver import Scratch, find_islands, scratch, solve_contacts, solve_in_place
 from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines, near_ball, write_boxes
-from mbpam_ros.plant.mechanics.kernel import kernel
+from mbpam_ros.plant.mechanics.kernel import kernel, piece
+from mbpam_ros.plant.mechanics.lanes import WIDTH, Lanes, Place, all_above, load, splat, store
 from mbpam_ros.plant.mechanics.outlook import Outlook
 from mbpam_ros.plant.mechanics.packed_arguments import Block, access, new_block
 from mbpam_ros.plant.mechanics.rod import (
@@ -72,6 +73,9 @@ OK, NOT_FINITE, TOO_FAST, NOT_SOLVED, TOO_BENT, TOO_LONG, TOO_DEEP = 0, 1, 2, 3,
 
 LOOKS = 5
 """How often a step may be done again because something moved farther than what was looked for."""
+
+SEEN_LATE_M = 1e-4
+"""What may fall into something within a step before it is a contact."""
 
 SOLVED_M_S = 1e-4
 """What may be left of the contact equations."""
@@ -189,20 +193,43 @@ def turned(q: Array, turn: Vector, result: Array) -> None:
 
 
 class Room(NamedTuple):
-    """Room for the muscles: coordinates, rates, loads (4, D), masses (4, D, D), and work of ``masses_and_loads``."""
+    """Room for the muscles, one a lane (:mod:`~mbpam_ros.plant.mechanics.lanes`).
 
+    Args:
+        at, start, velocity: coordinates and rates before the sub-step, and rates after it, shapes (D, 4).
+        shape, rate: coordinates and rates of which a sweep sees the muscles, shapes (D, 4).
+        load, mass: shapes (D, 4) and (D, D, 4).
+        a, b: of a muscle's equations a v = b, shapes (D, D, 4) and (D, 4).
+        drive: what the air does in the middle of the sub-step, a row each of :class:`Drive`, x before y, shape (8, 4).
+        theta: shape (1, 4).
+        work: of ``masses_and_loads``.
+    """
+
+    at: Array
+    start: Array
+    velocity: Array
     shape: Array
     rate: Array
     load: Array
     mass: Array
+    a: Array
+    b: Array
+    drive: Array
+    theta: Array
     work: Array
 
 
-def room_of(rod: Rod, fingers: int) -> Room:
+def room_of(rod: Rod) -> Room:
     """Return the room for muscles with this rod."""
     columns = coordinates_of(rod)
-    shape, rate, load = (np.zeros((fingers, columns)) for _ in range(3))
-    return Room(shape, rate, load, np.zeros((fingers, columns, columns)), room_for_loads(rod))
+    line, square = (columns, WIDTH), (columns, columns, WIDTH)
+    at, start, velocity, shape, rate, load, b = (np.zeros(line) for _ in range(7))
+    mass, a, drive, theta = np.zeros(square), np.zeros(square), np.zeros((8, WIDTH)), np.zeros((1, WIDTH))
+    return Room(at, start, velocity, shape, rate, load, mass, a, b, drive, theta, room_for_loads(rod))
+
+
+_SEEN = ("shape", "rate", "load", "mass")
+"""What a room has that is another one at the start than in later sweeps."""
 
 
 class Work(NamedTuple):
@@ -216,6 +243,7 @@ class Work(NamedTuple):
         gain, ahead: of the velocities in the last sub-step, and in the next one if they go on as in the last two.
         a, b, start: of the equations a v = b, and the velocities before, shapes (n, n), (n,) and (n,).
         theta, rotation, middle, turn: of the bodies (5,) and of the object, (3, 3), (4,) and (3,).
+        rates: of the directors at the start, shape (4, N + 1, 3).
         way: how far anything moved in the last sub-step at the most [m], shape (1,).
         touch_room: of the muscles at the start.
         room, spots, room_of_lines, equations: of the muscles, the contact search and the contact solution.
@@ -234,6 +262,7 @@ class Work(NamedTuple):
     rotation: Array
     middle: Array
     turn: Array
+    rates: Array
     way: Array
     touch_room: Room
     room: Room
@@ -267,18 +296,19 @@ def new_drive(fingers: int) -> Drive:
 def assemble(state: State, system: System, contacts: Contacts) -> Parts:
     """Return the parts with room for the rest; nothing drives the muscles yet."""
     fingers, rod, size = len(system.bases), system.rod, len(state.velocity)
+    room = room_of(rod)
     return Parts(
         state,
         new_drive(fingers),
         system,
         contacts,
-        motion_at_rest(rod, fingers),
+        motion_at_rest(rod),
         Forces(np.zeros((fingers, 3)), np.zeros(3), np.zeros(3), np.zeros((fingers, 3))),
         Work(
             midpoint_known=np.zeros(fingers, np.bool_),
             ahead_known=np.zeros(1, np.bool_),
-            motion=motion_at_rest(rod, fingers),
-            touch_motion=motion_at_rest(rod, fingers),
+            motion=motion_at_rest(rod),
+            touch_motion=motion_at_rest(rod),
             gain=np.zeros(size),
             ahead=np.zeros(size),
             a=np.zeros((size, size)),
@@ -288,9 +318,10 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
             rotation=np.eye(3),
             middle=np.zeros(4),
             turn=np.zeros(3),
+            rates=np.zeros((fingers, len(rod.levers) + 1, 3)),
             way=np.zeros(1),
-            touch_room=room_of(rod, fingers),
-            room=room_of(rod, fingers),
+            touch_room=room._replace(**{part: np.zeros_like(getattr(room, part)) for part in _SEEN}),
+            room=room,
             spots=places(system.surroundings),
             room_of_lines=lines(rod, fingers),
             equations=scratch(size, fingers + 1, len(contacts.depth)),
@@ -299,82 +330,122 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
 
 
 @kernel
-def _move_muscles(state: State, start: Array, system: System, share: float, motion: Motion, room: Room) -> None:
-    """Write the motion of the muscles after ``share`` of the step."""
-    fingers, size = room.shape.shape
+def _take_lanes(values: Array, lanes: Array, fingers: int) -> None:
+    """Write the coordinates of all muscles one after another, (4 D, or more), as lanes (D, 4)."""
+    size = lanes.shape[0]
     for f in range(fingers):
         for i in range(size):
-            n = f * size + i
-            room.rate[f, i] = (1.0 - share) * start[n] + share * state.velocity[n]
-            room.shape[f, i] = state.shape[n] + share * system.step_s * room.rate[f, i]
+            lanes[i, f] = values[f * size + i]
+
+
+@piece
+def _move_muscles(system: System, share: float, motion: Motion, room: Room) -> None:
+    """Write the motion of the muscles after ``share`` of the step."""
+    for i in range(room.at.shape[0]):
+        rate = (1.0 - share) * load(room.start, (i,)) + share * load(room.velocity, (i,))
+        store(room.rate, (i,), rate)
+        store(room.shape, (i,), load(room.at, (i,)) + share * system.step_s * rate)
     move_rods(room.shape, room.rate, system.rod, motion)
 
 
 @kernel
-def _muscle_equations(
-    state: State, start: Array, system: System, drive: Drive, blend: float, theta: Array, room: Room,
-    a: Array, b: Array,
-) -> None:  # fmt: skip
-    """Write the muscles' rows of a v = b with the masses and loads in ``room``."""
+def _show(state: State, system: System, fingers: int, motion: Motion, room: Room) -> None:
+    """Write the motion of the state."""
+    _take_lanes(state.shape, room.at, fingers)
+    _take_lanes(state.velocity, room.start, fingers)
+    _move_muscles(system, 0.0, motion, room)
+
+
+@piece
+def _drive_lanes(drive: Drive, blend: float, rod: Rod, room: Room) -> None:
+    """Write what the air does to the muscles into ``room``; of what only absent strains ask for, nothing."""
+    for f in range(drive.stiffnesses.shape[1]):
+        room.drive[0, f] = (1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f]
+        room.drive[1, f] = (1.0 - blend) * drive.moments[0, f, 0] + blend * drive.moments[1, f, 0]
+        room.drive[2, f] = (1.0 - blend) * drive.moments[0, f, 1] + blend * drive.moments[1, f, 1]
+        if rod.twists.shape[2] > 0:
+            room.drive[3, f] = (1.0 - blend) * drive.torsions[0, f] + blend * drive.torsions[1, f]
+        if rod.stretches.shape[1] > 0:
+            room.drive[4, f] = (1.0 - blend) * drive.axials[0, f] + blend * drive.axials[1, f]
+            room.drive[5, f] = (1.0 - blend) * drive.free_stretches[0, f] + blend * drive.free_stretches[1, f]
+            room.drive[6, f] = (1.0 - blend) * drive.couplings[0, f, 0] + blend * drive.couplings[1, f, 0]
+            room.drive[7, f] = (1.0 - blend) * drive.couplings[0, f, 1] + blend * drive.couplings[1, f, 1]
+
+
+@piece
+def _muscle_equations(system: System, theta: Array, room: Room) -> None:
+    """Write the muscles' equations a v = b with the masses, loads and drives in ``room``."""
     h, eta, springs = system.step_s, system.retardation, system.rod.springs
-    bends, stretches = 2 * system.rod.bends.shape[2], system.rod.stretches.shape[1]
-    fingers, size = room.shape.shape
-    for f in range(fingers):
-        stiffness = h * ((1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f])
-        torsion = h * ((1.0 - blend) * drive.torsions[0, f] + blend * drive.torsions[1, f])
-        t, first = theta[f], f * size
-        implicit, explicit = t * (eta + t * h), (1.0 - t) * (eta + t * h)
-        for i in range(size):
-            n, k = first + i, 0.0  # stretch has its own terms
-            if i < bends:
-                k = stiffness * springs[i >> 1]
-            elif i < size - stretches:
-                k = torsion * springs[i - bends]
-            total = h * room.load[f, i] - k * (state.shape[n] + explicit * start[n])
-            if i < 2:
-                total += h * ((1.0 - blend) * drive.moments[0, f, i] + blend * drive.moments[1, f, i])
-            for j in range(size):
-                a[n, first + j] = room.mass[f, i, j]
-                total += room.mass[f, i, j] * start[first + j]
-            a[n, n] += k * implicit
-            b[n] = total
-        if stretches > 0:
-            _stretch_equations(state, start, system, drive, blend, f, implicit, explicit, a, b)
+    bends, stretches, size = 2 * system.rod.bends.shape[2], system.rod.stretches.shape[1], room.at.shape[0]
+    for f in range(theta.shape[0] - 1):
+        room.theta[0, f] = theta[f]
+    t, stiffness, torsion = load(room.theta, (0,)), h * load(room.drive, (0,)), h * load(room.drive, (3,))
+    implicit, explicit = t * (eta + t * h), (1.0 - t) * (eta + t * h)
+    for i in range(size):
+        k = splat(0.0)  # stretch has its own terms
+        if i < bends:
+            k = stiffness * springs[i >> 1]
+        elif i < size - stretches:
+            k = torsion * springs[i - bends]
+        total = h * load(room.load, (i,)) - k * (load(room.at, (i,)) + explicit * load(room.start, (i,)))
+        if i < 2:
+            total = total + h * load(room.drive, (1 + i,))
+        for j in range(size):
+            mass = load(room.mass, (i, j))
+            store(room.a, (i, j), mass)
+            total = total + mass * load(room.start, (j,))
+        store(room.a, (i, i), load(room.a, (i, i)) + k * implicit)
+        store(room.b, (i,), total)
+    if stretches > 0:
+        _stretch_equations(system, implicit, explicit, room)
 
 
-@kernel
-def _stretch_equations(
-    state: State, start: Array, system: System, drive: Drive, blend: float, f: int, implicit: float, explicit: float,
-    a: Array, b: Array,
-) -> None:  # fmt: skip
-    """Add what the energy of the stretch gives to a finger's rows.
+@piece
+def _add(values: Array, place: Place, more: Lanes) -> None:
+    store(values, place, load(values, place) + more)
+
+
+@piece
+def _stretch_equations(system: System, implicit: Lanes, explicit: Lanes, room: Room) -> None:
+    """Add what the energy of the stretch gives to the muscles' equations.
 
     Mode i has L EA / (2 (2 i + 1)) (e_i - [eps_0] - c . q_i / L)^2, with eps_0 for i = 0.
     """
-    rod, springs, fingers = system.rod, system.rod.stretch_springs, drive.axials.shape[1]
-    size = state.shape.shape[0] // fingers
-    axial = system.step_s * ((1.0 - blend) * drive.axials[0, f] + blend * drive.axials[1, f])
-    free = (1.0 - blend) * drive.free_stretches[0, f] + blend * drive.free_stretches[1, f]
-    cx = ((1.0 - blend) * drive.couplings[0, f, 0] + blend * drive.couplings[1, f, 0]) / rod.active_length
-    cy = ((1.0 - blend) * drive.couplings[0, f, 1] + blend * drive.couplings[1, f, 1]) / rod.active_length
+    rod, springs, size = system.rod, system.rod.stretch_springs, room.at.shape[0]
+    axial, free = system.step_s * load(room.drive, (4,)), load(room.drive, (5,))
+    cx, cy = load(room.drive, (6,)) / rod.active_length, load(room.drive, (7,)) / rod.active_length
     for i in range(springs.shape[0]):
         k = axial * springs[i]
-        e, x, y = f * size + size - springs.shape[0] + i, f * size + 2 * i, f * size + 2 * i + 1
-        off = state.shape[e] + explicit * start[e] - (free if i == 0 else 0.0)
-        a[e, e] += k * implicit
+        e, x, y = size - springs.shape[0] + i, 2 * i, 2 * i + 1
+        off = load(room.at, (e,)) + explicit * load(room.start, (e,))
+        if i == 0:
+            off = off - free
+        _add(room.a, (e, e), k * implicit)
         if i < rod.bends.shape[2]:
-            off -= cx * (state.shape[x] + explicit * start[x]) + cy * (state.shape[y] + explicit * start[y])
-            b[x] += k * cx * off
-            b[y] += k * cy * off
-            a[x, x] += k * implicit * cx * cx
-            a[y, y] += k * implicit * cy * cy
-            a[x, y] += k * implicit * cx * cy
-            a[y, x] += k * implicit * cx * cy
-            a[e, x] -= k * implicit * cx
-            a[x, e] -= k * implicit * cx
-            a[e, y] -= k * implicit * cy
-            a[y, e] -= k * implicit * cy
-        b[e] -= k * off
+            along_x = cx * (load(room.at, (x,)) + explicit * load(room.start, (x,)))
+            off = off - (along_x + cy * (load(room.at, (y,)) + explicit * load(room.start, (y,))))
+            _add(room.b, (x,), k * cx * off)
+            _add(room.b, (y,), k * cy * off)
+            _add(room.a, (x, x), k * implicit * cx * cx)
+            _add(room.a, (y, y), k * implicit * cy * cy)
+            _add(room.a, (x, y), k * implicit * cx * cy)
+            _add(room.a, (y, x), k * implicit * cx * cy)
+            _add(room.a, (e, x), -(k * implicit * cx))
+            _add(room.a, (x, e), -(k * implicit * cx))
+            _add(room.a, (e, y), -(k * implicit * cy))
+            _add(room.a, (y, e), -(k * implicit * cy))
+        _add(room.b, (e,), -(k * off))
+
+
+@kernel
+def _spread_equations(room_a: Array, room_b: Array, fingers: int, a: Array, b: Array) -> None:
+    """Write the muscles' equations into rows and columns of all bodies' a v = b."""
+    size = room_b.shape[0]
+    for f in range(fingers):
+        for i in range(size):
+            b[f * size + i] = room_b[i, f]
+            for j in range(size):
+                a[f * size + i, f * size + j] = room_a[i, j, f]
 
 
 @kernel
@@ -474,6 +545,45 @@ def _farthest(state: State, start: Array, system: System, theta: Array, hand_vel
     return system.step_s * (fastest + other + abs(hand_velocity))
 
 
+@piece
+def _solve_muscles(room: Room, island: NDArray[np.int64], velocity: Array) -> tuple[bool, float]:
+    """Solve each muscle's equations, by L D L^T in place, for those that touch nothing.
+
+    Returns whether it could be, and the largest change.
+    """
+    a, b, size = room.a, room.b, room.b.shape[0]
+    for i in range(size):
+        pivot, right = load(a, (i, i)), load(b, (i,))
+        for j in range(i):
+            total = load(a, (i, j))
+            for k in range(j):
+                total = total - load(a, (i, k)) * load(a, (j, k))  # (L D) of row i, L of row j
+            store(a, (i, j), total)
+        for j in range(i):
+            raw = load(a, (i, j))
+            scaled = raw * load(a, (j, j))
+            pivot = pivot - raw * scaled
+            right = right - scaled * load(b, (j,))
+            store(a, (i, j), scaled)
+        if not all_above(pivot, 0.0):
+            return False, 0.0
+        store(a, (i, i), 1.0 / pivot)
+        store(b, (i,), right)
+    for i in range(size):
+        store(b, (i,), load(b, (i,)) * load(a, (i, i)))
+    for i in range(size - 1, -1, -1):
+        solved = load(b, (i,))
+        for k in range(i):
+            store(b, (k,), load(b, (k,)) - load(a, (i, k)) * solved)
+    changed = 0.0
+    for f in range(island.shape[0] - 1):
+        for i in range(size if island[f] < 0 else 0):
+            n = f * size + i
+            changed = max(changed, abs(b[i, f] - velocity[n]))
+            velocity[n] = room.velocity[i, f] = b[i, f]
+    return True, changed
+
+
 @kernel
 def _near(parts: Parts, lift: float, gap: float) -> bool:
     """Whether anything may touch: what is nearer than ``gap`` to where the last sweep saw the muscles may."""
@@ -493,12 +603,49 @@ def _near(parts: Parts, lift: float, gap: float) -> bool:
     return around.shape >= 0 and near_ball(work.room_of_lines, (x, y, z + lift), radius)
 
 
+@kernel
+def _let_go(island: NDArray[np.int64], theta: Array, contacts: Contacts) -> None:
+    """Let nothing touch."""
+    for body in range(island.shape[0]):
+        island[body], theta[body] = -1, 0.5
+    contacts.count[0] = 0
+
+
+@kernel
+def _all_known(known: NDArray[np.bool_], island: NDArray[np.int64]) -> bool:
+    """Whether no muscle asks for what it is like at the start: they touch nothing, and their last midpoint is known."""
+    for f in range(known.shape[0]):
+        if island[f] >= 0 or not known[f]:
+            return False
+    return True
+
+
+@kernel
+def _all_touch(island: NDArray[np.int64]) -> bool:
+    """Whether all muscles touch something."""
+    for f in range(island.shape[0] - 1):
+        if island[f] < 0:
+            return False
+    return True
+
+
+@kernel
+def _keep_masses(known: NDArray[np.bool_], island: NDArray[np.int64], start: Room, room: Room) -> None:
+    """Let the first sweep have masses and loads of the start of those muscles whose last midpoint is not known."""
+    for f in range(WIDTH):  # lanes without a muscle too
+        if f >= known.shape[0] or island[f] >= 0 or not known[f]:
+            for i in range(start.load.shape[0]):
+                room.load[i, f] = start.load[i, f]
+                for j in range(start.load.shape[0]):
+                    room.mass[i, j, f] = start.mass[i, j, f]
+
+
 @kernel(inline="always")
 def _touch(
     state: State, system: System, lift: float, hand_velocity: float, near: bool, outlook: Outlook, work: Work,
     contacts: Contacts,
-) -> bool:  # fmt: skip
-    """Find the contacts and which bodies they tie to each other, choose theta for each; say whether anything touches.
+) -> None:  # fmt: skip
+    """Find the contacts and which bodies they tie to each other, and choose theta for each.
 
     Where nothing is ``near`` a muscle only the object and what it rests on are looked at.
     """
@@ -508,11 +655,10 @@ def _touch(
         hand_velocity, near, outlook, work.spots, work.room_of_lines, contacts,
     )  # fmt: skip
     recall(Grip(state.held, state.slots, state.springs), contacts)
-    bodies = work.theta.shape[0]
-    find_islands(contacts, bodies, work.equations.island)
-    for body in range(bodies):
-        work.theta[body] = 1.0 if work.equations.island[body] >= 0 else 0.5
-    return bool(contacts.count[0] > 0)
+    find_islands(contacts, work.theta.shape[0], work.equations.island)
+    for body in range(work.theta.shape[0]):
+        if work.equations.island[body] >= 0:
+            work.theta[body] = 1.0
 
 
 @kernel
@@ -524,25 +670,6 @@ def _too_deep(h: float, radius: float, contacts: Contacts) -> bool:
         if depth > most:
             return True
     return False
-
-
-@kernel
-def _solve_muscles(
-    a: Array, b: Array, size: int, theta: Array, island: NDArray[np.int64], room: Scratch, velocity: Array
-) -> tuple[bool, float]:
-    """Solve a v = b of the muscles that touch nothing; return whether it could be, and the largest change."""
-    changed = 0.0
-    for f in range(theta.shape[0] - 1):
-        if island[f] >= 0:
-            continue
-        for i in range(f * size, (f + 1) * size):
-            room.first[i] = f * size
-        if not solve_in_place(a, b, room.first, f * size, (f + 1) * size):
-            return False, 0.0
-        for i in range(f * size, (f + 1) * size):
-            changed = max(changed, abs(b[i] - velocity[i]))
-            velocity[i] = b[i]
-    return True, changed
 
 
 @kernel
@@ -584,51 +711,53 @@ def _find_velocities(parts: Parts, heights: Array, rates: Array, step: int, ahea
     """
     state, drive, system, contacts, work = parts.state, parts.drive, parts.system, parts.contacts, parts.work
     around, island, known = system.surroundings, work.equations.island, work.midpoint_known
-    muscles, rows = state.shape.shape[0], state.velocity.shape[0]
-    fingers = known.shape[0]
-    size, iterations, lift, hand = muscles // fingers, 0, heights[step], rates[step + 1]
-    blend = (step + 0.5) / (heights.shape[0] - 1)
+    muscles, rows, fingers, size = state.shape.shape[0], state.velocity.shape[0], known.shape[0], contacts.coordinates
+    lift, hand, iterations = heights[step], rates[step + 1], 0
+    _drive_lanes(drive, (step + 0.5) / (heights.shape[0] - 1), system.rod, work.room)
     gravity = (
         system.gravity[0],
         system.gravity[1],
         system.gravity[2] + (rates[step + 1] - rates[step]) / system.step_s,
     )
-    pull = system.step_s * system.step_s * norm(gravity)
+    pull = max(system.step_s * system.step_s * norm(gravity) - SEEN_LATE_M, 0.0)
     reach = pull + 1.5 * (work.way[0] + system.step_s * abs(hand))
     for _ in range(LOOKS):
-        seen, touching = False, False
         near = _near(parts, lift, max(reach, system.rod.radius) + work.way[0])
-        for body in range(fingers + 1):
-            island[body], work.theta[body] = -1, 0.5
-        contacts.count[0] = 0
+        _let_go(island, work.theta, contacts)
         for i in range(rows):
             state.velocity[i] = work.start[i]
-        if near or around.shape >= 0:
-            if near:
-                _move_muscles(state, work.start, system, 0.0, work.touch_motion, work.touch_room)
-                seen = True
-            outlook = Outlook(system.step_s, reach, pull, work.start, muscles)
-            touching = _touch(state, system, lift, hand, near, outlook, work, contacts)
-        anew = False
-        for f in range(fingers):
-            anew = anew or (island[f] < 0 and not known[f])
-        if anew and not seen:
-            _move_muscles(state, work.start, system, 0.0, work.touch_motion, work.touch_room)
-        free = False
-        for f in range(fingers):
-            free = free or island[f] < 0
-            anew = anew or island[f] >= 0
-        if anew:
-            masses_and_loads(
-                system.rod, work.touch_motion, gravity, work.touch_room.work, work.touch_room.mass, work.touch_room.load
-            )
-        if touching:
+        for sweep in range(-1, system.sweeps):
+            first, more = sweep < 0, sweep > 0
+            motion = work.touch_motion if first else work.motion
+            room = work.touch_room if first else work.room
+            if more or (first and (near or not _all_known(known, island))):
+                _move_muscles(system, 0.5 if more else 0.0, motion, room)
+            if first and (near or around.shape >= 0):
+                outlook = Outlook(system.step_s, reach, pull, work.start, muscles, work.rates)
+                _touch(state, system, lift, hand, near, outlook, work, contacts)
+            anew = first and not _all_known(known, island)
+            if more or anew:
+                masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
+            if anew or not first:
+                _muscle_equations(system, work.theta, room)
+            if not first:
+                solved, changed = _solve_muscles(room, island, state.velocity)
+                if not solved:
+                    return NOT_FINITE, iterations
+                if changed < FOUND_RAD_S:
+                    break
+                continue
+            if anew:
+                _spread_equations(room.a, room.b, fingers, work.a, work.b)
+                _keep_masses(known, island, room, work.room)
+            if rows > muscles and island[fingers] < 0:
+                if not _move_object_freely(state, work.start, system, work):
+                    return NOT_FINITE, iterations
+            elif rows > muscles:
+                _object_equations(state, work.start, system, 0.0, work.rotation, work.middle, work.a, work.b)
             for i in range(rows if ahead else 0):
                 if island[min(i // size, fingers)] >= 0:
                     state.velocity[i] += work.ahead[i]
-            _muscle_equations(state, work.start, system, drive, blend, work.theta, work.touch_room, work.a, work.b)
-            if island[fingers] >= 0:
-                _object_equations(state, work.start, system, 0.0, work.rotation, work.middle, work.a, work.b)
             for body in range(fingers + 1):
                 if island[body] == body:
                     left, count = solve_contacts(
@@ -637,26 +766,10 @@ def _find_velocities(parts: Parts, heights: Array, rates: Array, step: int, ahea
                     iterations = max(iterations, count)
                     if not left < SOLVED_M_S:
                         return NOT_SOLVED, iterations
-        if rows > muscles and island[fingers] < 0 and not _move_object_freely(state, work.start, system, work):
-            return NOT_FINITE, iterations
-        for f in range(fingers):
-            if island[f] < 0 and not known[f]:
-                for i in range(size):
-                    work.room.load[f, i] = work.touch_room.load[f, i]
-                    for j in range(size):
-                        work.room.mass[f, i, j] = work.touch_room.mass[f, i, j]
-        for sweep in range(system.sweeps if free else 0):
-            if sweep > 0:
-                _move_muscles(state, work.start, system, 0.5, work.motion, work.room)
-                masses_and_loads(system.rod, work.motion, gravity, work.room.work, work.room.mass, work.room.load)
-            _muscle_equations(state, work.start, system, drive, blend, work.theta, work.room, work.a, work.b)
-            solved, changed = _solve_muscles(work.a, work.b, size, work.theta, island, work.equations, state.velocity)
-            if not solved:
-                return NOT_FINITE, iterations
-            if changed < FOUND_RAD_S:
+            if _all_touch(island):
                 break
         work.way[0] = _farthest(state, work.start, system, work.theta, hand)
-        if not (near or around.shape >= 0 or around.fingers_touch) or work.way[0] <= max(reach, system.rod.radius):
+        if work.way[0] <= max(reach, system.rod.radius):
             break
         reach = 1.1 * work.way[0]
         pull = reach
@@ -673,15 +786,17 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     two are handed on, or there is more than one caller, a function of its own is compiled faster.
     """
     state, system, contacts, work = parts.state, parts.system, parts.contacts, parts.work
-    steps = heights.shape[0] - 1
+    steps, fingers = heights.shape[0] - 1, work.theta.shape[0] - 1
     if steps == 0:
-        _move_muscles(state, state.velocity, system, 0.0, parts.motion, work.room)
+        _show(state, system, fingers, parts.motion, work.room)
         return OK, 0
     iterations, ahead = 0, work.ahead_known[0]
     work.ahead_known[0] = False  # unless all goes well
     for step in range(steps):
         for i in range(state.velocity.shape[0]):
             work.start[i] = state.velocity[i]
+        _take_lanes(state.shape, work.room.at, fingers)
+        _take_lanes(work.start, work.room.start, fingers)
         answer, count = _find_velocities(parts, heights, rates, step, ahead)
         iterations = max(iterations, count)
         if answer == OK:
@@ -701,6 +816,7 @@ def forget(work: Work) -> None:
     """Let the next step go on from the state alone."""
     work.midpoint_known[:] = False
     work.ahead_known[0] = False
+    work.way[0] = 0.0
 
 
 def _sample() -> Parts:

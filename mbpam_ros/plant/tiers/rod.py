@@ -209,7 +209,8 @@ class RodTier(Tier):
 
     def centreline_m(self) -> Array:
         """Return points of the centre lines as in :class:`~mbpam_ros.plant.tiers.base.TierState`."""
-        return self._line_weights @ self._motion.tangent + self._setup.finger_base_m[:, None, :]
+        directors = np.moveaxis(self._motion.tangent[..., : self._fingers], -1, 0)
+        return self._line_weights @ directors + self._setup.finger_base_m[:, None, :]
 
     def body_state(self) -> BodyState | None:
         """Return copies of where the object is and how it moves; none without one."""
@@ -229,8 +230,9 @@ class RodTier(Tier):
     def state(self) -> TierState:
         shape, velocity, fingers = self._parts.state.shape, self._parts.state.velocity, self._coordinates
         rates = velocity[:fingers].reshape(self._fingers, -1)
-        tip_rate = np.einsum("fij,fj->fi", self._motion.slope[:, -1], rates)
-        bend, bend_rate = tip_bend(self._motion.tangent[:, -1], tip_rate, shape.reshape(self._fingers, -1)[:, :2])
+        tip, slope = (part[-1, ..., : self._fingers] for part in (self._motion.tangent, self._motion.slope))
+        tip_rate = np.einsum("ijf,fj->fi", slope, rates)
+        bend, bend_rate = tip_bend(tip.T, tip_rate, shape.reshape(self._fingers, -1)[:, :2])
         return TierState(
             bend_rad=bend,
             bend_rate_rad_s=bend_rate,

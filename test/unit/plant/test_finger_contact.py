@@ -46,7 +46,7 @@ def opposite(strength_n_m):
 
 def ball_centres(tier):
     """Of the swept spheres, shape (4, n, 3)."""
-    return tier._parts.system.rod.balls @ tier._motion.tangent + BASES[:, None]
+    return tier._parts.system.rod.balls @ np.moveaxis(tier._motion.tangent, -1, 0) + BASES[:, None]
 
 
 def distance_m(tier, one, other):

@@ -146,11 +146,11 @@ def energy(rod, moment):
     """Kinetic and total energy of each muscle, shape (4,); the potential is zero straight."""
     parts, motion, size = rod._parts.system.rod, rod._motion, rod._coordinates // 4
     q, rate = (part[: 4 * size].reshape(4, size) for part in rod._parts.state[:2])
-    speed = np.einsum("rk,fkij,fj->fri", parts.inertia, motion.slope[:, 1:], rate)
+    speed = np.einsum("rk,kijf,fj->fri", parts.inertia, motion.slope[1:], rate)
     kinetic = 0.5 * (speed**2).sum(axis=(1, 2))
     stiffness = STIFFNESS / GEOMETRY.active_length_m / (2.0 * (np.arange(size) // 2) + 1.0)
     elastic = 0.5 * (stiffness * q**2).sum(axis=1) - (moment * q[:, :2]).sum(axis=1)
-    return kinetic, kinetic + elastic + 9.81 * (1.0 - motion.tangent[:, 1:, 2]) @ parts.levers
+    return kinetic, kinetic + elastic + 9.81 * parts.levers @ (1.0 - motion.tangent[1:, 2])
 
 
 PUSH = np.array([[0.02, 0.0], [0.0, 0.015], [0.01, -0.01], [-0.015, 0.005]])
