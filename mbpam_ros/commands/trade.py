@@ -30,10 +30,10 @@ from mbpam_ros.study.fidelity import trade
 from mbpam_ros.study.fidelity.cases import all_cases
 from mbpam_ros.study.fidelity.model_error import model_errors, states_file
 from mbpam_ros.study.fidelity.picture import draw_trade
-from mbpam_ros.study.jobs import ResultFile
+from mbpam_ros.study.jobs import ResultFile, runs_beside
 from mbpam_ros.study.pictures import PictureError
 from mbpam_ros.study.provenance import machine, sources_digest, versions
-from mbpam_ros.study.result_file import make_folder_of, write_json
+from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import Progress, announce
 
 _ROUNDS = 3
@@ -65,9 +65,7 @@ def run(options: argparse.Namespace) -> int:
         "coarse": wanted.coarse,
         "rounds": wanted.rounds,
     }
-    make_folder_of(options.json)
-    kept_in = options.json.with_name(f"{options.json.stem}_runs.json")
-    kept = ResultFile(kept_in, settings, "runs", lambda row: row["job"])
+    kept = ResultFile(runs_beside(options.json), settings, "runs", lambda row: row["job"])
     runs = len(wanted.runs())
     expected_s = 30.0 if options.quick else 120.0 + _S_PER_RUN * runs
     announce(f"{runs} runs and {len(wanted.cases)} references", expected_s, progress.stream)

@@ -32,6 +32,7 @@ from mbpam_ros.plant.tiers.base import (
     TierState,
 )
 from mbpam_ros.plant.tiers.registry import build_tier
+from mbpam_ros.study.provenance import sources_digest, versions
 
 TIERS = ("static", "arc", "rod")
 STEPS_S = (1e-5, 1e-4, 1e-3, 2e-3, 5e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
@@ -62,8 +63,8 @@ class Cell:
         tier: how the muscles are computed.
         step_s: length of a step.
         stiffness_n_m: of the contacts of muscles; none in the column ``free``.
-        outcome: ``at_rest``, ``astray`` (at rest elsewhere than where it belongs), ``moving``, ``stopped`` (a typed error)
-            or ``fault``.
+        outcome: ``at_rest``, ``astray`` (at rest, but not where it belongs), ``moving``, ``stopped`` (a typed error) or
+            ``fault``.
         force_error_pct: what is left of the forces on the object over its weight; none unless held at rest.
         message: of the error; empty without one.
         off_mm: distance of an object at rest from where it belongs; none without one.
@@ -123,11 +124,26 @@ def cell_jobs(
     """
     gripper, config = load_gripper(), load_config(PlantConfig, "plant.yaml")
     return {
-        f"tier {tier}, {1e3 * step_s:g} ms, {_column(stiffness)} N/m": (tier, step_s, stiffness, gripper, config)
+        _name(tier, step_s, stiffness): (tier, step_s, stiffness, gripper, config)
         for tier in TIERS
         for step_s in steps_s
         for stiffness in (None, *(() if tier == "static" else stiffnesses_n_m))
     }
+
+
+def cell_row(tier: str, step_s: float, stiffness_n_m: float | None, gripper: Gripper, config: PlantConfig) -> dict:
+    """Return :func:`run_cell` as plain values."""
+    return dataclasses.asdict(run_cell(tier, step_s, stiffness_n_m, gripper, config))
+
+
+def row_name(row: dict) -> str:
+    """Return the name of the job that made a row, as in :func:`cell_jobs`."""
+    return _name(row["tier"], row["step_s"], row["stiffness_n_m"])
+
+
+def settings() -> dict[str, object]:
+    """Return what all rows depend on."""
+    return {"sources": sources_digest(), "versions": versions("numpy", "numba", "scipy")}
 
 
 def map_text(cells: Sequence[Cell]) -> str:
@@ -190,6 +206,10 @@ def _force_error_pct(state: TierState) -> float:
     weight_n = _MASS_KG * GRAVITY_M_S2
     total = state.finger_force_n.sum(axis=0) + state.support_force_n + state.palm_force_n
     return 100.0 * float(np.linalg.norm(total + [0.0, 0.0, weight_n])) / weight_n
+
+
+def _name(tier: str, step_s: float, stiffness_n_m: float | None) -> str:
+    return f"tier {tier}, {1e3 * step_s:g} ms, {_column(stiffness_n_m)} N/m"
 
 
 def _column(stiffness_n_m: float | None) -> str:

@@ -200,10 +200,13 @@ def contact_slope(
 @kernel
 def bounds_hold(
     law: ContactLaw, h: float, depth: float, share: float, load: float, normal: Array, springs: Array, v: Array,
-    push: float, tolerance: float,
+    push: float, tolerance: float, below: bool,
 ) -> bool:  # fmt: skip
-    """Whether the bounds are those of f = ``push``, to a relative tolerance, or it makes no difference."""
-    if abs(load - push) <= tolerance * push:
+    """Whether the bounds are those of f = ``push``, to a relative tolerance, or it makes no difference.
+
+    Those ``below`` them will do if so said.
+    """
+    if abs(load - push) <= tolerance * push or (below and load <= push):
         return True
     _, along, spin, rolling = _unbounded(law, h, depth, share, vector(normal, 0), springs, v)
     least = min(load, push)

@@ -18,7 +18,7 @@ from mbpam_ros.plant.mechanics.contact_law import Contacts, bounds_hold, contact
 from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross
 
-NEWTON_LIMIT = 100
+NEWTON_LIMIT = 200
 LINE_LIMIT = 40
 BISECT_FROM = 5
 """Trials along one of Newton's steps after which every other one halves what is left of it. Where a contact closes
@@ -29,8 +29,9 @@ BOUND_TOLERANCE = 5e-4
 """What the bound of a contact that slips may be off by, over itself."""
 MINIMISE_FROM = 8
 """Newton's steps after which bounds are taken anew only at a minimum."""
-RELAX_FROM = 6
-"""Minima after which they go half of the way."""
+RELAX_FROM, FALL_FROM = 4, 8
+"""Minima after which they go half of the way, and only down: where friction pushes what it rubs on into itself, or away
+from it, there may be no fixed point, and the cone is kept from inside."""
 
 
 @kernel
@@ -314,20 +315,22 @@ def _hessian(n: int, h: float, laws: Array, contacts: Contacts, count: int, room
 
 
 @kernel
-def _take_bounds(contacts: Contacts, count: int, room: Scratch, share: float) -> None:
-    """Let the bounds go by ``share`` of the way to those of the normal forces in the table."""
+def _take_bounds(contacts: Contacts, count: int, room: Scratch, share: float, falling: bool) -> None:
+    """Let the bounds go by ``share`` of the way to those of the normal forces found; if ``falling``, only down."""
     for member in range(count):
         c = room.members[member]
+        if falling and contacts.push[c] > contacts.load[c]:
+            continue
         contacts.load[c] = share * contacts.push[c] + (1.0 - share) * contacts.load[c]
 
 
 @kernel
-def _bounds_hold(h: float, laws: Array, contacts: Contacts, count: int, room: Scratch) -> bool:
+def _bounds_hold(h: float, laws: Array, contacts: Contacts, count: int, room: Scratch, below: bool) -> bool:
     for member in range(count):
         c = room.members[member]
         if not bounds_hold(
             law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.load[c],
-            contacts.normal[c], contacts.springs[c], contacts.velocity[c], contacts.push[c], BOUND_TOLERANCE,
+            contacts.normal[c], contacts.springs[c], contacts.velocity[c], contacts.push[c], BOUND_TOLERANCE, below,
         ):  # fmt: skip
             return False
     return True
@@ -359,7 +362,7 @@ def solve_contacts(
         for i in range(6):
             change[c, i] = 0.0
     _push(h, laws, contacts, count, room, 0.0)
-    _take_bounds(contacts, count, room, 1.0)
+    _take_bounds(contacts, count, room, 1.0, False)
     left, minima = np.inf, 0
     for iteration in range(NEWTON_LIMIT + 1):
         _residual(n, h, contacts, count, room)
@@ -368,13 +371,13 @@ def solve_contacts(
             left = max(left, abs(residual[i]) / room.a[i, i])
         minimal = left <= VELOCITY_TOLERANCE
         last = iteration == NEWTON_LIMIT
-        if (minimal or last) and _bounds_hold(h, laws, contacts, count, room):
+        if (minimal or last) and _bounds_hold(h, laws, contacts, count, room, minima >= FALL_FROM):
             break
         if last or not left < np.inf:
             return np.inf, iteration
         if minimal or 0 < iteration < MINIMISE_FROM:
             minima += 1 if minimal else 0
-            _take_bounds(contacts, count, room, 1.0 if minima < RELAX_FROM else 0.5)
+            _take_bounds(contacts, count, room, 0.5 if RELAX_FROM <= minima < FALL_FROM else 1.0, minima > FALL_FROM)
             _push(h, laws, contacts, count, room, 0.0)
             _residual(n, h, contacts, count, room)
         _hessian(n, h, laws, contacts, count, room)

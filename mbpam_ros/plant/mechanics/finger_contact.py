@@ -134,12 +134,13 @@ def _may_touch(rod: Rod, one: Array, other: Array, gap: float) -> bool:
 
 
 @kernel
-def _nearest_point(points: Array, spacing: float, place: Vector) -> tuple[float, float]:
+def _nearest_point(points: Array, spacing: float, place: Vector, guess: int) -> tuple[float, float]:
     """Return the ball and fraction along a centreline that is nearest to a place, and its distance.
 
-    The distance to the balls changes by no more than the arc length: those that cannot be the nearest are left out.
+    The distance to the balls changes by no more than the arc length: those that cannot be nearer than that of the
+    ``guess`` are left out.
     """
-    balls, best, nearest, k = points.shape[0], np.inf, 0, 0
+    balls, best, nearest, k = points.shape[0], norm(minus(place, row(points, guess))), guess, 0
     while k < balls:
         distance = norm(minus(place, row(points, k)))
         if distance < best:
@@ -163,12 +164,13 @@ def _ball_contacts(
 ) -> None:  # fmt: skip
     """Append the contacts of the balls of finger ``one`` with the centreline of the ``other``."""
     balls, line = rod.balls.shape[0], room.points[other]
-    next_ball = 0  # the next that may touch
+    next_ball, guess = 0, 0  # the next that may touch, and what was nearest to the one before
     for k in range(balls):
         if k < next_ball:
             continue
         centre = row(room.points[one], k)
-        along, distance = _nearest_point(line, rod.farthest, centre)
+        along, distance = _nearest_point(line, rod.farthest, centre, guess)
+        guess = int(along)
         depth = 2.0 * rod.radius - distance
         if depth <= -outlook.reach:
             next_ball = k + math.ceil(-(depth + outlook.reach) / rod.farthest)

@@ -232,12 +232,22 @@ _SEEN = ("shape", "rate", "load", "mass")
 """What a room has that is another one at the start than in later sweeps."""
 
 
+class Midpoints(NamedTuple):
+    """What a call found known of the muscles' last midpoints: directors, loads and masses, and of which muscles."""
+
+    directors: Array
+    load: Array
+    mass: Array
+    known: NDArray[np.bool_]
+
+
 class Work(NamedTuple):
     """Room for a step, and what the next one goes on from.
 
     Args:
         midpoint_known: of each muscle, whether ``motion`` and ``room`` are those at its last midpoint, shape (4,).
         ahead_known: whether ``ahead`` holds, shape (1,).
+        before, midpoints: the state at the start of the call, and what went with it.
         motion: where the last sweep saw the muscles.
         touch_motion: where the search for contacts saw them: at the start.
         gain, ahead: of the velocities in the last sub-step, and in the next one if they go on as in the last two.
@@ -251,6 +261,8 @@ class Work(NamedTuple):
 
     midpoint_known: NDArray[np.bool_]
     ahead_known: NDArray[np.bool_]
+    before: State
+    midpoints: Midpoints
     motion: Motion
     touch_motion: Motion
     gain: Array
@@ -296,7 +308,7 @@ def new_drive(fingers: int) -> Drive:
 def assemble(state: State, system: System, contacts: Contacts) -> Parts:
     """Return the parts with room for the rest; nothing drives the muscles yet."""
     fingers, rod, size = len(system.bases), system.rod, len(state.velocity)
-    room = room_of(rod)
+    room, motion = room_of(rod), motion_at_rest(rod)
     return Parts(
         state,
         new_drive(fingers),
@@ -307,7 +319,9 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
         Work(
             midpoint_known=np.zeros(fingers, np.bool_),
             ahead_known=np.zeros(1, np.bool_),
-            motion=motion_at_rest(rod),
+            before=state._replace(**{name: part.copy() for name, part in state._asdict().items()}),
+            midpoints=Midpoints(motion.tangent.copy(), room.load.copy(), room.mass.copy(), np.zeros(fingers, np.bool_)),
+            motion=motion,
             touch_motion=motion_at_rest(rod),
             gain=np.zeros(size),
             ahead=np.zeros(size),
@@ -542,7 +556,7 @@ def _farthest(state: State, start: Array, system: System, theta: Array, hand_vel
     if state.velocity.shape[0] > muscles:
         v, w, half = vector(state.velocity, muscles), vector(state.velocity, muscles + 3), system.surroundings.half
         other = max(fastest, norm(v) + norm(w) * norm(vector(half, 0)))
-    return system.step_s * (fastest + other + abs(hand_velocity))
+    return abs(system.step_s) * (fastest + other + abs(hand_velocity))
 
 
 @piece
@@ -720,7 +734,7 @@ def _find_velocities(parts: Parts, heights: Array, rates: Array, step: int, ahea
         system.gravity[2] + (rates[step + 1] - rates[step]) / system.step_s,
     )
     pull = max(system.step_s * system.step_s * norm(gravity) - SEEN_LATE_M, 0.0)
-    reach = pull + 1.5 * (work.way[0] + system.step_s * abs(hand))
+    reach = pull + 1.5 * (work.way[0] + abs(system.step_s * hand))
     for _ in range(LOOKS):
         near = _near(parts, lift, max(reach, system.rod.radius) + work.way[0])
         _let_go(island, work.theta, contacts)
@@ -768,6 +782,7 @@ def _find_velocities(parts: Parts, heights: Array, rates: Array, step: int, ahea
                         return NOT_SOLVED, iterations
             if _all_touch(island):
                 break
+            _take_lanes(state.velocity, work.room.velocity, fingers)
         work.way[0] = _farthest(state, work.start, system, work.theta, hand)
         if work.way[0] <= max(reach, system.rod.radius):
             break
@@ -789,9 +804,15 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     steps, fingers = heights.shape[0] - 1, work.theta.shape[0] - 1
     if steps == 0:
         _show(state, system, fingers, parts.motion, work.room)
+        _hold(parts.drive, 1)
         return OK, 0
     iterations, ahead = 0, work.ahead_known[0]
     work.ahead_known[0] = False  # unless all goes well
+    _copy_state(state, work.before)
+    directors, load, mass, known = work.midpoints
+    _copy_lanes(work.motion.tangent, work.room.load, work.room.mass, directors, load, mass)
+    for f in range(fingers):
+        known[f] = work.midpoint_known[f]
     for step in range(steps):
         for i in range(state.velocity.shape[0]):
             work.start[i] = state.velocity[i]
@@ -802,14 +823,63 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
         if answer == OK:
             answer = _move(state, work.start, system.step_s, system.rod.stretches.shape[1], work.theta, work.turn)
         if answer != OK:
-            work.midpoint_known[:] = False
+            _copy_state(work.before, state)
+            _copy_lanes(directors, load, mass, work.motion.tangent, work.room.load, work.room.mass)
+            for f in range(fingers):
+                work.midpoint_known[f] = known[f]
+            _hold(parts.drive, 0)
             return answer, iterations
         remember(system.step_s, system.laws, contacts, Grip(state.held, state.slots, state.springs))
         _look_ahead(state.velocity, work.start, ahead, work.gain, work.ahead)
         ahead = True
     work.ahead_known[0] = ahead
+    _hold(parts.drive, 1)
     _sum_forces(contacts, parts.forces)
     return OK, iterations
+
+
+@kernel
+def _copy(values: Array, there: Array) -> None:
+    for i in range(values.shape[0]):
+        there[i] = values[i]
+
+
+@kernel
+def _copy_lanes(directors: Array, loads: Array, masses: Array, to: Array, to_loads: Array, to_masses: Array) -> None:
+    """Copy what is known of the muscles at a midpoint."""
+    for k in range(directors.shape[0]):
+        for i in range(3):
+            _copy(directors[k, i], to[k, i])
+    for i in range(loads.shape[0]):
+        _copy(loads[i], to_loads[i])
+        for j in range(loads.shape[0]):
+            _copy(masses[i, j], to_masses[i, j])
+
+
+@kernel
+def _copy_state(state: State, there: State) -> None:
+    _copy(state.shape, there.shape)
+    _copy(state.velocity, there.velocity)
+    _copy(state.position, there.position)
+    _copy(state.orientation, there.orientation)
+    there.held[0] = state.held[0]
+    for c in range(state.held[0]):
+        there.slots[c] = state.slots[c]
+        _copy(state.springs[c], there.springs[c])
+
+
+@kernel
+def _hold(drive: Drive, end: int) -> None:
+    """Let what drives the muscles at one end of the call drive them at both."""
+    other = 1 - end
+    for f in range(drive.stiffnesses.shape[1]):
+        drive.stiffnesses[other, f] = drive.stiffnesses[end, f]
+        drive.torsions[other, f] = drive.torsions[end, f]
+        drive.axials[other, f] = drive.axials[end, f]
+        drive.free_stretches[other, f] = drive.free_stretches[end, f]
+        for i in range(2):
+            drive.moments[other, f, i] = drive.moments[end, f, i]
+            drive.couplings[other, f, i] = drive.couplings[end, f, i]
 
 
 def forget(work: Work) -> None:
@@ -849,11 +919,12 @@ def _cached(
         if source_digest >= 0:
             _write(bound, parts)
 
-    @kernel(cache=True)
+    @kernel(cache=True, nogil=True)
     def advance(bound: Block, heights: Array, rates: Array) -> tuple[int, int]:
         """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps.
 
-        Without a sub-step this shows the state: it writes ``motion``, and nothing else.
+        Then the drive's end is its start too. If something went wrong, state and drive are those before the call.
+        Without a sub-step this shows the state: it writes ``motion``. Python's lock is not held.
 
         Args:
             bound: the parts, from :func:`bind`.

@@ -136,7 +136,7 @@ class RodTier(Tier):
         body, state = self._setup.body, self._parts.state
         self._memory[:] = 0.0
         state.held[0] = 0
-        _write(self._now, actuation)
+        self._act(actuation)
         state.orientation[3] = 1.0
         if body is not None:
             state.velocity[self._coordinates :] = *body.velocity_m_s, *body.angular_velocity_rad_s
@@ -147,18 +147,11 @@ class RodTier(Tier):
         self._begin()
 
     def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        _write(self._start, self._now)
         _write(self._now, actuation)
-        state, memory = self._parts.state, self._memory.copy()
-        held = int(state.held[0])
-        slots, springs = state.slots[:held].copy(), state.springs[:held].copy()
         answer, self.iterations = self._advance(hand_height_m, hand_velocity_m_s)
         self._shown = False
         if answer != OK:
-            self._memory[:] = memory
-            state.held[0], state.slots[:held], state.springs[:held] = held, slots, springs
-            _write(self._now, self._start)
-            self._begin()
+            self._show()
             remedy = (_REMEDY if answer != TOO_DEEP else _SOFT).capitalize()
             bend = np.hypot(*actuation.moment_n_m.T) * self._setup.geometry.active_length_m / actuation.stiffness_n_m2
             if answer == TOO_BENT and bend.max() > 0.5 * LARGEST_BEND_RAD:  # swings go twice as far
@@ -186,7 +179,7 @@ class RodTier(Tier):
 
         The object stays as it is here.
         """
-        _write(self._now, other._now)
+        self._act(other._now)
         for own, theirs in zip(self._parts.state[:2], other._parts.state[:2], strict=True):
             own[: self._coordinates] = 0.0
             rows, there = (
@@ -243,6 +236,11 @@ class RodTier(Tier):
             palm_force_n=self._parts.forces.palm.copy(),
             between_fingers_force_n=self._parts.forces.between.copy(),
         )
+
+    def _act(self, actuation: Actuation) -> None:
+        """Let the actuation be the one that acts already."""
+        _write(self._start, actuation)
+        _write(self._now, actuation)
 
     def _begin(self) -> None:
         """Go on from a state that no step has led to. The first time this compiles, before the first tick."""
