@@ -18,8 +18,9 @@ import argparse
 import dataclasses
 from pathlib import Path
 
+from mbpam_ros.actuator.strains import STRAINS
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.plant.fidelity import ALL_FINGERS, AUTO, STRAINS, TABLE, FidelityRequest, Tolerance, load_fidelity_table
+from mbpam_ros.plant.fidelity import ALL_FINGERS, AUTO, TABLE, FidelityRequest, Tolerance, load_fidelity_table
 from mbpam_ros.plant.planner import PlanError, plan
 from mbpam_ros.plant.scene import load_scene
 from mbpam_ros.plant.tiers.registry import tier_names

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
+from mbpam_ros.actuator.strains import STRAINS, check_strains
 from mbpam_ros.configuration import ConfigError, config_path, parse_config, require_positive
 
 TABLE = "data/fidelity_trade.json"
@@ -15,9 +16,6 @@ TABLE = "data/fidelity_trade.json"
 
 AUTO = "auto"
 """The tier of a scene file that leaves the choice to the planner."""
-
-STRAINS = ("bend", "twist", "stretch")
-"""What a rod may do; shear is left out."""
 
 TWIST_MODES = STRETCH_MODES = 2
 """Modes of a strain that a scene asks for."""
@@ -59,7 +57,7 @@ class Fidelity:
 
     @property
     def strains(self) -> tuple[str, ...]:
-        """What the muscles do, some of :data:`STRAINS` in their order."""
+        """What the muscles do, some of :data:`~mbpam_ros.actuator.strains.STRAINS` in their order."""
         modes = {"bend": self.modes, "twist": self.twist_modes, "stretch": self.stretch_modes}
         return tuple(strain for strain in STRAINS if strain == "bend" or modes[strain])
 
@@ -120,8 +118,7 @@ class FidelityRequest:
         if self.sub_step_s is not None:
             require_positive(self, "sub_step_s")
         if self.strains is not None:
-            if "bend" not in self.strains or not set(self.strains) <= set(STRAINS):
-                raise ValueError(f"strains are bend and any of {', '.join(STRAINS[1:])}, found {list(self.strains)}")
+            check_strains(self.strains)
             object.__setattr__(self, "strains", tuple(each for each in STRAINS if each in self.strains))
         if self.moving_fingers is not None:
             _require_fingers(self.moving_fingers)

@@ -48,7 +48,7 @@ class Composition:
         before, whole = [part.copy() for part in state], Drive(*(part.copy() for part in drive))
         answer, iterations = self._advance(whole, heights, rates)
         for part, values in zip(drive, whole, strict=True):
-            part[:] = values[1 if answer == OK else 0]
+            part[:] = values[1] if answer == OK else values
         if answer != OK:
             for own, kept in zip(state, before, strict=True):
                 own[:] = kept

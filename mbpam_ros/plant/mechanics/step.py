@@ -52,7 +52,7 @@ from mbpam_ros.plant.mechanics.contact_search import (
 )
 from mbpam_ros.plant.mechanics.contact_solver import Scratch, find_islands, scratch, solve_contacts, solve_in_place
 from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines, near_ball, write_boxes
-from mbpam_ros.plant.mechanics.kernel import kernel, piece
+from mbpam_ros.plant.mechanics.kernel import entry, kernel, piece
 from mbpam_ros.plant.mechanics.lanes import WIDTH, Lanes, Place, all_above, load, splat, store
 from mbpam_ros.plant.mechanics.outlook import Outlook
 from mbpam_ros.plant.mechanics.packed_arguments import Block, access, new_block
@@ -804,7 +804,7 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     steps, fingers = heights.shape[0] - 1, work.theta.shape[0] - 1
     if steps == 0:
         _show(state, system, fingers, parts.motion, work.room)
-        _hold(parts.drive, 1)
+        _hold(parts.drive)
         return OK, 0
     iterations, ahead = 0, work.ahead_known[0]
     work.ahead_known[0] = False  # unless all goes well
@@ -827,13 +827,12 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
             _copy_lanes(directors, load, mass, work.motion.tangent, work.room.load, work.room.mass)
             for f in range(fingers):
                 work.midpoint_known[f] = known[f]
-            _hold(parts.drive, 0)
             return answer, iterations
         remember(system.step_s, system.laws, contacts, Grip(state.held, state.slots, state.springs))
         _look_ahead(state.velocity, work.start, ahead, work.gain, work.ahead)
         ahead = True
     work.ahead_known[0] = ahead
-    _hold(parts.drive, 1)
+    _hold(parts.drive)
     _sum_forces(contacts, parts.forces)
     return OK, iterations
 
@@ -869,17 +868,13 @@ def _copy_state(state: State, there: State) -> None:
 
 
 @kernel
-def _hold(drive: Drive, end: int) -> None:
-    """Let what drives the muscles at one end of the call drive them at both."""
-    other = 1 - end
+def _hold(drive: Drive) -> None:
+    """Let what drives the muscles at the end of the call be what drives them from then on."""
     for f in range(drive.stiffnesses.shape[1]):
-        drive.stiffnesses[other, f] = drive.stiffnesses[end, f]
-        drive.torsions[other, f] = drive.torsions[end, f]
-        drive.axials[other, f] = drive.axials[end, f]
-        drive.free_stretches[other, f] = drive.free_stretches[end, f]
+        drive.stiffnesses[0, f], drive.torsions[0, f] = drive.stiffnesses[1, f], drive.torsions[1, f]
+        drive.axials[0, f], drive.free_stretches[0, f] = drive.axials[1, f], drive.free_stretches[1, f]
         for i in range(2):
-            drive.moments[other, f, i] = drive.moments[end, f, i]
-            drive.couplings[other, f, i] = drive.couplings[end, f, i]
+            drive.moments[0, f, i], drive.couplings[0, f, i] = drive.moments[1, f, i], drive.couplings[1, f, i]
 
 
 def forget(work: Work) -> None:
@@ -914,16 +909,16 @@ def _cached(
     the closure, is part of the cache's key: no stale machine code after an edit of another file.
     """
 
-    @kernel(cache=True)
+    @entry(cache=True)
     def _bind(bound: Block, parts: Parts) -> None:
         if source_digest >= 0:
             _write(bound, parts)
 
-    @kernel(cache=True, nogil=True)
+    @entry(cache=True, nogil=True)
     def advance(bound: Block, heights: Array, rates: Array) -> tuple[int, int]:
         """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps.
 
-        Then the drive's end is its start too. If something went wrong, state and drive are those before the call.
+        Then the drive's end is its start too. If something went wrong, the state is that before the call.
         Without a sub-step this shows the state: it writes ``motion``. Python's lock is not held.
 
         Args:

@@ -151,6 +151,7 @@ class RodTier(Tier):
         answer, self.iterations = self._advance(hand_height_m, hand_velocity_m_s)
         self._shown = False
         if answer != OK:
+            _write(self._now, self._start)
             self._show()
             remedy = (_REMEDY if answer != TOO_DEEP else _SOFT).capitalize()
             bend = np.hypot(*actuation.moment_n_m.T) * self._setup.geometry.active_length_m / actuation.stiffness_n_m2

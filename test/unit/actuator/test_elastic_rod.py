@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.elastic_rod import (
     HANGING,
-    STRAINS,
     RodLoads,
     RodSection,
     rod_at_rest,
@@ -19,6 +18,7 @@ from mbpam_ros.actuator.elastic_rod import (
 )
 from mbpam_ros.actuator.planar_rod import AxisStretch, RodSolutionError, rod_tip_angle
 from mbpam_ros.actuator.rod_law import RodLaw, StrainLaw, StrainLawError, finite_element_rod_law
+from mbpam_ros.actuator.strains import STRAINS
 
 GEOMETRY = MuscleGeometry(outer_radius_m=0.01, end_length_m=0.015, active_length_m=0.1, mass_per_length_kg_m=0.162)
 ACTIVE, END = GEOMETRY.active_length_m, GEOMETRY.end_length_m

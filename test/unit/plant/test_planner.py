@@ -71,7 +71,7 @@ def measured(fidelity):
     return fidelity.tier, fidelity.modes, fidelity.sub_step_s, fidelity.pneumatics
 
 
-ALL = ("bend", "twist", "stretch")
+ALL = ("bend", "stretch", "twist")
 MODEL_ERRORS = (
     ModelError(("bend",), 10.0, 14.0),
     ModelError(("bend", "stretch"), 1.0, 12.0),

@@ -6,6 +6,7 @@ from scipy.optimize import root
 
 from mbpam_ros.actuator.elastic_rod import RodLoads, RodSection, rod_at_rest
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.mechanics.kernel import entry
 from mbpam_ros.plant.mechanics.lanes import WIDTH
 from mbpam_ros.plant.mechanics.rod import (
     build_rod,
@@ -26,6 +27,9 @@ LOADS = [
     for force in ((0.0, 0.0, 0.0), (0.0, 0.05, 0.0), (0.05, 0.0, 0.0), (0.0, 0.0, 0.1))
     for gravity in (HANGING, LEVEL)
 ] + [RodLoads((0.0, 0.0, 0.0), 0.0, UPRIGHT), RodLoads((0.0, 0.05, 0.0), 0.0, (0.0, 0.0, 0.0))]
+
+
+move, weigh = entry(move_rods.py_func), entry(masses_and_loads.py_func)
 
 
 class PlantRod:
@@ -54,9 +58,9 @@ class PlantRod:
         return np.concatenate([on_bend.ravel(), on_twist, on_stretch])
 
     def out_of_balance(self, q, section, loads, share):
-        move_rods(np.repeat(q[:, None], WIDTH, axis=1), np.zeros((self.size, WIDTH)), self.rod, self.motion)
+        move(np.repeat(q[:, None], WIDTH, axis=1), np.zeros((self.size, WIDTH)), self.rod, self.motion)
         gravity = tuple(share * np.array(loads.gravity_m_s2))
-        masses_and_loads(self.rod, self.motion, gravity, self.room, self.mass, self.load)
+        weigh(self.rod, self.motion, gravity, self.room, self.mass, self.load)
         at_tip = share * np.einsum("k,kij,i->j", self.tip, self.motion.of(0).slope, loads.tip_force_n)
         return self.load[:, 0] + at_tip + self.elastic_load(q, section)
 
@@ -66,7 +70,7 @@ class PlantRod:
             found = root(self.out_of_balance, q, (section, loads, share), tol=1e-12)
             assert np.abs(found.fun).max() < 1e-9
             q = found.x
-        move_rods(np.repeat(q[:, None], WIDTH, axis=1), np.zeros((self.size, WIDTH)), self.rod, self.motion)
+        move(np.repeat(q[:, None], WIDTH, axis=1), np.zeros((self.size, WIDTH)), self.rod, self.motion)
         return self.tip @ self.motion.of(0).tangent
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from mbpam_ros.plant.mechanics.kernel import kernel
+from mbpam_ros.plant.mechanics.kernel import entry
 from mbpam_ros.plant.mechanics.lanes import WIDTH, all_above, any_above, lane, load, splat, store, with_lane
 
 
-@kernel
+@entry
 def compute(values, answers):
     x, y = load(values, (0, 1)), load(values, (1, 0))
     total = splat(0.0)
@@ -17,7 +17,7 @@ def compute(values, answers):
     store(answers, (1,), with_lane(x, 2, lane(y, 3)))
 
 
-@kernel
+@entry
 def compare(values, limit):
     return any_above(load(values, (0,)), limit), all_above(load(values, (0,)), limit)
 
