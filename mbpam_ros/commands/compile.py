@@ -22,6 +22,9 @@ from mbpam_ros.plant.scene import load_scene
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.registry import build_pneumatics, pneumatic_model_names
 from mbpam_ros.terminal import Progress
+from mbpam_ros.vision.camera import camera_intrinsics, camera_pose, load_camera_config
+from mbpam_ros.vision.depth import DepthImage
+from mbpam_ros.vision.detector import ObjectDetector, load_detector_config
 
 
 class _Counter(event.Listener):
@@ -48,7 +51,7 @@ def compile_all(progress: Progress) -> None:
     """Call every kernel once; what is not in the cache is compiled, and ``progress`` told how far that is."""
     counter = _Counter(progress)
     with garbage_collected_seldom(), event.install_listener("numba:compile", counter):
-        for work in (_estimate, _flow, _move):
+        for work in (_estimate, _flow, _move, _see):
             work()
     progress.say(str(counter) if counter.count else "all is compiled")
 
@@ -68,6 +71,19 @@ def _flow() -> None:
 def _move() -> None:
     for scene in ("bulb", "empty"):
         build_plant(*load_scene(scene), load_gripper()).step(np.zeros(CHANNEL_COUNT), 0.01)
+
+
+def _see() -> None:
+    """Look for objects in a frame with a bright square, by colour and by depth."""
+    camera = load_camera_config()
+    intrinsics = camera_intrinsics(camera)
+    detector = ObjectDetector(load_detector_config(), camera_pose(camera))
+    image = np.full((intrinsics.height_px, intrinsics.width_px, 3), 60, np.uint8)
+    depth_m = np.full(image.shape[:2], 0.115, np.float32)
+    middle = np.s_[intrinsics.height_px // 3 : -intrinsics.height_px // 3, intrinsics.width_px // 3 : -300]
+    image[middle], depth_m[middle] = 200, 0.085
+    for depth in (None, DepthImage(depth_m)):
+        detector.look(image, "rgb8", intrinsics, None, 0.115, depth=depth)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -3,8 +3,10 @@
     mbpam detect --image photo.png --camera-info camera.yaml --json found.json --overlay found.png
 
 --camera-info is the file that ROS's camera_calibration writes. Where the camera is comes from camera.yaml, of the
-configuration or by --camera, or from --camera-pose. What objects stand on is a plane that is told: its depth below the
-palm. Angles are in radians, lengths in metres.
+configuration or by --camera, or from --camera-pose. What objects stand on is a plane that is told, its depth below the
+palm, or that is found in a depth image (--depth: 16 bit [mm] or 32 bit floating point [m], png, tiff or npy, of the
+same camera or with --depth-camera-info). Images of the empty table (--background, one or more) help where there is no
+depth. Angles are in radians, lengths in metres.
 """
 
 from __future__ import annotations
@@ -20,8 +22,9 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import table
 from mbpam_ros.vision.camera import CameraPose, camera_pose, load_camera_config
-from mbpam_ros.vision.detector import Detection, ObjectDetector, load_detector_config
-from mbpam_ros.vision.image_file import read_camera_info, read_image, write_image
+from mbpam_ros.vision.depth import DepthImage
+from mbpam_ros.vision.detector import Detection, ObjectDetector, Sighting, load_detector_config
+from mbpam_ros.vision.image_file import read_camera_info, read_depth, read_image, write_image
 from mbpam_ros.vision.overlay import describe_size, draw_overlay
 
 _SUPPORT_DEPTH_M = 0.115
@@ -32,6 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("--image", type=Path, metavar="FILE", required=True, help="image in colour: png, jpg, ...")
     parser.add_argument("--camera-info", type=Path, metavar="YAML", required=True, help="calibration of the camera")
+    parser.add_argument("--depth", type=Path, metavar="FILE", help="depth image of the same moment")
+    parser.add_argument("--depth-camera-info", type=Path, metavar="YAML", help="its calibration (default: the image's)")
+    parser.add_argument("--background", type=Path, nargs="+", metavar="FILE", help="images of the empty table")
     parser.add_argument("--json", type=Path, metavar="FILE", help="where the detections go")
     parser.add_argument("--overlay", type=Path, metavar="FILE", help="where the image with the detections drawn goes")
     parser.add_argument(
@@ -63,10 +69,19 @@ def run(options: argparse.Namespace) -> int:
         options.camera_pose or camera_pose(load_camera_config(options.camera)),
         None if options.no_fingers else load_gripper(options.gripper),
     )
-    found = detector.detect(image, "bgr8", intrinsics, distortion, options.support_depth)
+    if options.background:
+        detector.learn_background([read_image(path) for path in options.background], "bgr8", intrinsics, distortion)
+    depth = None
+    if options.depth is not None:
+        of_depth = None if options.depth_camera_info is None else read_camera_info(options.depth_camera_info)[0]
+        depth = DepthImage(read_depth(options.depth), of_depth)
+    seen = detector.look(image, "bgr8", intrinsics, distortion, options.support_depth, depth=depth)
+    found = seen.detections
     print(_text(found))
+    for line in _remarks(seen):
+        print(line)
     if options.json is not None:
-        write_json(options.json, {"frame": "gripper_base", "detections": [_values(each) for each in found]})
+        write_json(options.json, _content(seen))
     if options.overlay is not None:
         write_image(options.overlay, draw_overlay(image, "bgr8", found))
     return 0
@@ -88,6 +103,31 @@ def _text(found: Sequence[Detection]) -> str:
     return table(("object", "size", "centre [mm]", "yaw [deg]", "confidence"), rows)
 
 
+def _remarks(seen: Sighting) -> list[str]:
+    lines = [f"{each.label}: {each.bound}" for each in seen.detections if each.bound]
+    if seen.tilt_deg is not None:
+        lines.append(
+            f"table {1e3 * seen.support_depth_m:.0f} mm below the palm; the camera is tilted {seen.tilt_deg:.1f} deg "
+            "against its pose, corrected for"
+        )
+    if seen.passed_over:
+        lines.append(f"{seen.passed_over} smaller regions passed over: the time was up")
+    return [*lines, seen.remark] if seen.remark else lines
+
+
+def _content(seen: Sighting) -> dict[str, object]:
+    return {
+        "frame": "gripper_base",
+        "source": seen.source,
+        "support_depth_m": seen.support_depth_m,
+        "camera_tilt_deg": seen.tilt_deg,
+        "regions_passed_over": seen.passed_over,
+        "cpu_s": seen.cpu_s,
+        "remark": seen.remark,
+        "detections": [_values(each) for each in seen.detections],
+    }
+
+
 def _values(found: Detection) -> dict[str, object]:
     return {
         "shape": found.shape,
@@ -97,6 +137,8 @@ def _values(found: Detection) -> dict[str, object]:
         "orientation_xyzw": found.orientation_xyzw.tolist(),
         "yaw_rad": found.yaw_rad,
         "confidence": float(found.confidence),
+        "source": found.source,
+        "bound": found.bound,
         "contour_px": found.contour_px.tolist(),
     }
 

@@ -8,7 +8,8 @@ In each cell the four muscles close on a sphere (60 mm, 46 g) that stands betwee
 and stays for 0.5 s (free 2 s), or five steps where that is longer. The stiffness is that of muscles on the object and
 on each other; the column "free" has no object, and fingers that pass through each other. What is printed:
 
-    3.1     at rest; what is left of the forces on the object is 3.1 % of its weight
+    3.1     at rest where it belongs; what is left of the forces on the object is 3.1 % of its weight
+    8 mm off  at rest, but so far from where steps of 0.5 ms leave it; up to 1 mm is where it belongs
     moving  finite, but not at rest when the time is over
     stop N  a typed error, which says what to change; N is its line below the map
 

@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
         found = trade.measure(wanted, gripper, kept, executor, progress)
     cost, trust = trade.measured_costs(wanted, gripper, kept, progress)
     progress.say(f"costs: {trust}")
-    here |= {"costs": str(trust), "date": date.today().isoformat()}
+    here = here | {"costs": str(trust), "date": date.today().isoformat()}
     rows, checks = trade.table_rows(wanted, found, cost)
     models = _model_errors(progress) if wanted.has_strains else ()
     whole = FidelityTable(tuple(rows), checks, here, libraries, models)

@@ -109,6 +109,14 @@ TOPICS = (
     Topic("camera/image_raw", "sensor_msgs/msg/Image", "rgb8 image of the palm", ("plant",), ("object_detector",)),
     Topic("camera/camera_info", "sensor_msgs/msg/CameraInfo", "its lens", ("plant",), ("object_detector",)),
     Topic(
+        "camera/depth/image_raw",
+        "sensor_msgs/msg/Image",
+        "32FC1 [m] or 16UC1 [mm], rectified; optional, from a depth camera at the same place",
+        ("plant",),
+        ("object_detector",),
+    ),
+    Topic("camera/depth/camera_info", "sensor_msgs/msg/CameraInfo", "its lens", ("plant",), ("object_detector",)),
+    Topic(
         "detections",
         _MARKERS,
         "shape, size [m], pose in gripper_base; color.a: confidence",
@@ -141,6 +149,7 @@ SERVICES = (
     Service("grasp/stop", TRIGGER, "grasp_arbiter", "vent everything at once and latch a fault"),
     Service("grasp/reset", TRIGGER, "grasp_arbiter", "clear a latched fault"),
     Service("valve_controller/enable", SET_BOOL, "valve_controller", "air on or off"),
+    Service("object_detector/learn_background", TRIGGER, "object_detector", "take the next images as the empty table"),
     Service("pressure_sensor/zero", TRIGGER, "pressure_sensor", "take the vented reading as zero"),
     Service("plant/reset", TRIGGER, "plant", "put the scene back to its start"),
     Service("plant/lift", TRIGGER, "plant", "raise the hand"),

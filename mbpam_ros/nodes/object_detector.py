@@ -1,4 +1,8 @@
-"""Node ``object_detector``: camera images to objects with shape, size and pose."""
+"""Node ``object_detector``: camera images to objects with shape, size and pose.
+
+A frame is looked at in a thread of its own, one at a time, so that in one process with the valves a slow frame delays
+none of their ticks; images that come meanwhile are passed over, and what is found is published by the next timer tick.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ import array
 import copy
 import sys
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 from mbpam_ros.nodes.runtime import STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
@@ -13,15 +18,19 @@ import cv2
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
+from rclpy.clock import Clock, ClockType
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.markers import BASE_FRAME, colour, delete_all, solid_marker
 from mbpam_ros.nodes.parameters import Parameter
-from mbpam_ros.vision.camera import CameraError, Intrinsics, camera_pose, distortion_of, load_camera_config
-from mbpam_ros.vision.detector import Detection, ImageError, ObjectDetector, load_detector_config
+from mbpam_ros.vision.background import BackgroundError
+from mbpam_ros.vision.camera import CameraData, CameraError, Intrinsics, camera_pose, load_camera_config
+from mbpam_ros.vision.depth import DepthError, DepthImage, depth_in_metres
+from mbpam_ros.vision.detector import ImageError, ObjectDetector, Sighting, load_detector_config
 from mbpam_ros.vision.overlay import draw_overlay
 
 if TYPE_CHECKING:
@@ -33,11 +42,22 @@ PARAMETERS = (
     Parameter("detector", "detector.yaml", "detector file: thresholds"),
     Parameter("support_depth_m", 0.115, "depth of the surface under the objects below the palm [m]", 0.02, 2.0, True),
     Parameter("max_rate_hz", 4.0, "images that come faster are passed over [Hz]", 0.1, 60.0, changeable=True),
+    Parameter(
+        "rectified", False, "images are rectified, as image_proc leaves them: P of the camera_info is used, D is not"
+    ),
+    Parameter("background_frames", 5, "images of the empty table that learn_background takes", 1, 50, changeable=True),
+    Parameter("depth_max_age_s", 0.2, "older depth images are not used [s]", 0.01, 5.0, changeable=True),
     Parameter("jpeg_quality", 85, "quality of detections/image", 1, 100, changeable=True),
 )
 
 CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1}
+DEPTH_TYPES = {"32FC1": np.float32, "16UC1": np.uint16}
 SHAPE_RGB = (0.2, 0.8, 0.3)
+TILT_WARNING_DEG = 2.0
+POLL_PERIOD_S = 0.005
+"""How often the node looks whether the frame in work is done."""
+
+_UNUSABLE = (ImageError, CameraError, BackgroundError, DepthError)
 
 
 class ObjectDetectorNode(GripperNode):
@@ -51,15 +71,25 @@ class ObjectDetectorNode(GripperNode):
         )
         self._intrinsics: Intrinsics | None = None
         self._distortion: NDArray[np.float64] | None = None
+        self._depth_intrinsics: Intrinsics | None = None
+        self._depth: DepthImage | None = None
+        self._depth_at_s = 0.0
         self._seen_at_s: float | None = None
         self._refusals: dict[str, str] = {}
-        self._found: list[Detection] = []
+        self._seen: Sighting | None = None
         self._found_in: tuple[object, ...] | None = None
+        self._learning: list[NDArray[np.uint8]] | None = None
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="detector")
+        self._work: tuple[Future[Sighting], Image, NDArray[np.uint8], tuple[object, ...]] | None = None
 
         self._detections = self.create_publisher(MarkerArray, "detections", STREAM)
         self._overlay = self.create_publisher(CompressedImage, "detections/image", STREAM)
         self._listen_to_camera(CameraInfo, "camera/camera_info", self._on_camera_info)
         self._listen_to_camera(Image, "camera/image_raw", self._on_image)
+        self._listen_to_camera(CameraInfo, "camera/depth/camera_info", self._on_depth_info)
+        self._listen_to_camera(Image, "camera/depth/image_raw", self._on_depth)
+        self.create_service(Trigger, "object_detector/learn_background", self._on_learn_background)
+        self.create_timer(POLL_PERIOD_S, self._take_finished, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def health(self) -> Health:
         """WARN while no image comes or none can be used."""
@@ -69,8 +99,33 @@ class ObjectDetectorNode(GripperNode):
         if self._intrinsics is None:
             return Health(DiagnosticStatus.WARN, "no camera_info received on 'camera/camera_info'")
         if self._seen_at_s is None or self.now_s() - self._seen_at_s > 2.0:
+            if self._work is not None:
+                return Health(DiagnosticStatus.WARN, "the last image is still being looked at after more than 2 s")
             return Health(DiagnosticStatus.WARN, "no image received on 'camera/image_raw' for 2 s")
-        return Health(message=f"{len(self._found)} objects in view")
+        return self._health_of(self._seen)
+
+    def _health_of(self, seen: Sighting | None) -> Health:
+        if seen is None:
+            return Health(message="looking at the first image")
+        values = {"source": seen.source, "cpu_ms": f"{1e3 * seen.cpu_s:.0f}"}
+        if seen.tilt_deg is not None:
+            values["camera_tilt_deg"] = f"{seen.tilt_deg:.1f}"
+            values["support_depth_measured_m"] = f"{seen.support_depth_m:.4f}"
+        message = f"{len(seen.detections)} objects in view"
+        if seen.remark:
+            return Health(DiagnosticStatus.WARN, f"{message}; {seen.remark}", values)
+        if seen.tilt_deg is not None and seen.tilt_deg > TILT_WARNING_DEG:
+            tilt = f"the camera is tilted {seen.tilt_deg:.1f} deg against camera.yaml; corrected for"
+            return Health(DiagnosticStatus.WARN, f"{message}; {tilt}", values)
+        if seen.passed_over:
+            values["passed_over"] = str(seen.passed_over)
+            message += f"; {seen.passed_over} smaller regions passed over, the time was up"
+        return Health(message=message, values=values)
+
+    def destroy_node(self) -> None:
+        """Wait for the frame in work, then leave the graph."""
+        self._thread.shutdown(wait=True, cancel_futures=True)
+        super().destroy_node()
 
     def _listen_to_camera(self, message_type: type, topic: str, callback: Callable[[Any], None]) -> None:
         """Subscribe reliably, as large images need, unless a parameter ``qos_overrides.<topic>...`` says otherwise."""
@@ -80,47 +135,120 @@ class ObjectDetectorNode(GripperNode):
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         try:
-            distortion = distortion_of(message.distortion_model, message.d)
-            self._intrinsics = Intrinsics.from_camera_info(message.width, message.height, message.k)
-            self._distortion = distortion
+            self._intrinsics, self._distortion = self._pinhole(message)
             self._refusals.pop("camera_info", None)
         except CameraError as error:
             self._refuse("camera_info", error)
+
+    def _on_depth_info(self, message: CameraInfo) -> None:
+        try:
+            self._depth_intrinsics, _ = self._pinhole(message)
+            self._refusals.pop("depth camera_info", None)
+        except CameraError as error:
+            self._refuse("depth camera_info", error)
+
+    def _pinhole(self, message: CameraInfo) -> tuple[Intrinsics, NDArray[np.float64]]:
+        roi = message.roi
+        return CameraData(
+            message.width,
+            message.height,
+            message.distortion_model,
+            message.d,
+            message.k,
+            message.p,
+            (message.binning_x, message.binning_y),
+            (roi.x_offset, roi.y_offset, roi.width, roi.height),
+        ).pinhole(bool(self.value("rectified")))
+
+    def _on_depth(self, message: Image) -> None:
+        try:
+            values = _depth_values(message)
+            self._depth = DepthImage(depth_in_metres(values, message.encoding), self._depth_intrinsics)
+            self._depth_at_s = self.now_s()
+            self._refusals.pop("depth image", None)
+        except DepthError as error:
+            self._refuse("depth image", error)
 
     def _on_image(self, message: Image) -> None:
         now_s = self.now_s()
         # A tenth early, so that an image stream of just this rate is not halved by its jitter.
         if self._seen_at_s is not None and 0.0 <= now_s - self._seen_at_s < 0.9 / self.number("max_rate_hz"):
             return
+        if self._work is not None and not self._work[0].done():
+            return
+        self._take_finished()
         self._seen_at_s = now_s
         try:
             if self._intrinsics is None or self._distortion is None:
                 raise ImageError("no valid camera_info yet")
             image = _pixels(message)
+            if self._learning is not None:
+                self._learn(image, message.encoding, self._intrinsics, self._distortion)
+            depth = self._depth if 0.0 <= now_s - self._depth_at_s <= self.number("depth_max_age_s") else None
             depth_m = self.number("support_depth_m")
             # A still scene of the simulated camera repeats its image byte for byte: what was found stands.
-            view = (message.encoding, image.shape, self._intrinsics, self._distortion.tobytes(), depth_m, message.data)
-            if view != self._found_in:
-                self._found = self._detector.detect(
-                    image, message.encoding, self._intrinsics, self._distortion, depth_m
-                )
-                self._found_in = view
-        except (ImageError, CameraError) as error:
+            told = (message.encoding, image.shape, self._intrinsics, self._distortion.tobytes(), depth_m, message.data)
+            view = (*told, None if depth is None else depth.metres.tobytes(), id(self._detector.background))
+            if view == self._found_in:
+                self._refusals.pop("image", None)
+                self._publish(message, image)
+                return
+            look = self._detector.look
+            arguments = (image, message.encoding, self._intrinsics, self._distortion, depth_m, None, depth)
+            self._work = self._thread.submit(look, *arguments), message, image, view
+            if self.value("use_sim_time"):  # simulated time stands still for it, and a run repeats
+                self._work[0].exception()
+                self._take_finished()
+        except _UNUSABLE as error:
+            self._refuse("image", error)
+
+    def _take_finished(self) -> None:
+        """Publish what the thread has found, if it has."""
+        if self._work is None or not self._work[0].done():
+            return
+        future, message, image, view = self._work
+        self._work = None
+        try:
+            self._seen, self._found_in = future.result(), view
+        except _UNUSABLE as error:
             self._refuse("image", error)
             return
         self._refusals.pop("image", None)
+        self._publish(message, image)
+
+    def _publish(self, message: Image, image: NDArray[np.uint8]) -> None:
         self._publish_detections(message)
         if self._overlay.get_subscription_count() > 0:
             self._publish_overlay(message, image)
 
-    def _refuse(self, source: str, error: ImageError | CameraError) -> None:
+    def _refuse(self, source: str, error: Exception) -> None:
         self._refusals[source] = str(error)
         self.refuse(source, error)
+
+    def _on_learn_background(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Begin to learn; the images that come next are the empty table's."""
+        if self._intrinsics is None:
+            response.success, response.message = False, "no camera_info yet"
+            return response
+        self._learning = []
+        response.success = True
+        response.message = f"the next {self.whole('background_frames')} images are taken as the empty table"
+        return response
+
+    def _learn(
+        self, image: NDArray[np.uint8], encoding: str, intrinsics: Intrinsics, distortion: NDArray[np.float64]
+    ) -> None:
+        assert self._learning is not None
+        self._learning.append(image)
+        if len(self._learning) >= self.whole("background_frames"):
+            frames, self._learning = self._learning, None
+            self._detector.learn_background(frames, encoding, intrinsics, distortion)
+            self.get_logger().info(f"learnt the empty table from {len(frames)} images")
 
     def _publish_detections(self, message: Image) -> None:
         stamp = message.header.stamp
         markers: list[Marker] = [delete_all(stamp, BASE_FRAME)]
-        for index, found in enumerate(self._found):
+        for index, found in enumerate(self._seen.detections if self._seen else ()):
             marker = solid_marker(
                 stamp,
                 BASE_FRAME,
@@ -132,16 +260,36 @@ class ObjectDetectorNode(GripperNode):
                 found.orientation_xyzw,
                 colour(SHAPE_RGB, found.confidence),
             )
-            marker.text = found.label
+            marker.text = f"{found.label} ({found.bound})" if found.bound else found.label
             markers.append(marker)
         self._detections.publish(MarkerArray(markers=markers))
 
     def _publish_overlay(self, message: Image, image: NDArray[np.uint8]) -> None:
-        overlay = draw_overlay(image, message.encoding, self._found)
+        overlay = draw_overlay(image, message.encoding, self._seen.detections if self._seen else ())
         _, jpeg = cv2.imencode(".jpg", overlay, [cv2.IMWRITE_JPEG_QUALITY, self.whole("jpeg_quality")])
         compressed = CompressedImage(header=message.header, format="jpeg")
         compressed.data = array.array("B", jpeg.tobytes())
         self._overlay.publish(compressed)
+
+
+def _depth_values(message: Image) -> NDArray:
+    """Return a depth image as (H, W) of its own type.
+
+    Raises:
+        DepthError: an encoding that is none of depth, or fewer bytes than size and step say.
+    """
+    kind = DEPTH_TYPES.get(message.encoding)
+    if kind is None:
+        raise DepthError(f"depth encoding {message.encoding!r} is none of {', '.join(DEPTH_TYPES)}")
+    size = np.dtype(kind).itemsize
+    if message.width == 0 or message.step < size * message.width or len(message.data) != message.step * message.height:
+        raise DepthError(
+            f"{message.width} x {message.height} {message.encoding} with step {message.step} does not fit "
+            f"{len(message.data)} bytes"
+        )
+    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(message.height, message.step)
+    values = np.ascontiguousarray(rows[:, : size * message.width]).view(kind)
+    return values.byteswap() if message.is_bigendian else values
 
 
 def _pixels(message: Image) -> NDArray[np.uint8]:

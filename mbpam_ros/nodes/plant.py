@@ -45,6 +45,7 @@ PARAMETERS = (
     Parameter("tier", "", "static, arc, rod or auto (planned); empty: as the scene says"),
     Parameter("seed", 0, "seed of all noise", 0, 2**31 - 1),
     Parameter("rate_hz", 100.0, "rate of transducers and of the plant's ticks [Hz]", 10.0, 1000.0),
+    Parameter("depth_camera", False, "publish camera/depth/image_raw too, with a consumer sensor's noise and holes"),
     Parameter("camera_rate_hz", 5.0, "rate of camera images [Hz]; 0: no camera", 0.0, 60.0),
     Parameter("marker_rate_hz", 10.0, "rate of the true shapes [Hz]", 0.1, 100.0),
     Parameter("command_timeout_s", 0.03, "valves close when no command came for this long [s]", 0.02, 60.0),

@@ -17,6 +17,8 @@ from mbpam_ros.plant.scene import Scene
 from mbpam_ros.vision.camera import Intrinsics, camera_intrinsics, load_camera_config
 from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
 
+_Frame = tuple[array.array, array.array | None]
+
 OPTICAL_FRAME = "camera_optical"
 DEFAULT_FLOOR_DEPTH_M = 0.5
 STILL_TURN_RAD = 1e-3
@@ -24,7 +26,7 @@ STILL_DISTANCE_M = 1e-4
 
 
 class PlantCamera:
-    """Camera images of the simulated scene on ``camera/image_raw`` and ``camera/camera_info``.
+    """Camera images of the simulated scene on ``camera/image_raw`` and ``camera/camera_info``; depth where asked for.
 
     One frame is rendered at a time in a thread of its own, so that a slow frame delays no transducer; a frame asked
     for meanwhile is dropped, as a camera would. A scene that has not moved since the last frame is not rendered anew.
@@ -44,10 +46,13 @@ class PlantCamera:
         self._info = _camera_info(camera_intrinsics(config))
         self._images = node.create_publisher(Image, "camera/image_raw", STREAM)
         self._infos = node.create_publisher(CameraInfo, "camera/camera_info", STREAM)
+        self._depths = node.create_publisher(Image, "camera/depth/image_raw", STREAM)
+        self._depth_infos = node.create_publisher(CameraInfo, "camera/depth/camera_info", STREAM)
+        self._with_depth = bool(node.value("depth_camera"))
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="camera")
-        self._exposure: tuple[Future[NDArray[np.uint8]], Time] | None = None
+        self._exposure: tuple[Future[_Frame], Time] | None = None
         self._last_pose: NDArray[np.float64] | None = None
-        self._last_data: array.array | None = None
+        self._last_data: tuple[array.array, array.array | None] | None = None
 
     def expose(self, observation: Observation, stamp: Time) -> None:
         """Start a frame of what is seen now, unless nobody looks or the last frame is not finished."""
@@ -58,7 +63,7 @@ class PlantCamera:
             self._publish(self._last_data, stamp)
             return
         self._last_pose = pose
-        self._exposure = self._thread.submit(self._renderer.render, self._view(observation), self._rng), stamp
+        self._exposure = self._thread.submit(self._render, self._view(observation)), stamp
 
     def publish_finished(self, wait: bool) -> None:
         """Publish the frame begun before if it is finished, or once it is (``wait``)."""
@@ -66,16 +71,29 @@ class PlantCamera:
             return
         future, stamp = self._exposure
         self._exposure = None
-        self._last_data = array.array("B", future.result().tobytes())
+        self._last_data = future.result()
         self._publish(self._last_data, stamp)
 
-    def _publish(self, data: array.array, stamp: Time) -> None:
+    def _render(self, view: SceneView) -> _Frame:
+        image = array.array("B", self._renderer.render(view, self._rng).tobytes())
+        if not self._with_depth:
+            return image, None
+        return image, array.array("B", self._renderer.render_depth(view, self._rng).tobytes())
+
+    def _publish(self, frame: _Frame, stamp: Time) -> None:
+        data, depth_data = frame
         self._info.header.stamp = stamp
         image = Image(encoding="rgb8", height=self._info.height, width=self._info.width, is_bigendian=0)
         image.header.stamp, image.header.frame_id = stamp, OPTICAL_FRAME
         image.step = 3 * self._info.width
         image.data = data
         self._infos.publish(self._info)
+        if depth_data is not None:
+            # Before the image: who waits for that has the depth of the same moment.
+            depth = Image(encoding="32FC1", height=image.height, width=image.width, step=4 * image.width)
+            depth.header, depth.data = image.header, depth_data
+            self._depth_infos.publish(self._info)
+            self._depths.publish(depth)
         self._images.publish(image)
 
     def _view(self, observation: Observation) -> SceneView:

@@ -18,6 +18,9 @@ from mbpam_ros.errors import MbpamError
 LENS_MODELS = ("", "plumb_bob", "rational_polynomial")
 """Distortion models of ``sensor_msgs/CameraInfo`` that can be undone; no name is that of an ideal pinhole."""
 
+_NARROWEST = (0.1, 30.0)
+"""Focal lengths in widths of the image: angles of view from 157 down to 2 deg."""
+
 
 LARGEST_SIDE_PX = 16384
 FARTHEST_M = 10.0
@@ -62,17 +65,105 @@ class Intrinsics:
         """Read the row-major matrix K, shape (9,), of a ``sensor_msgs/CameraInfo``.
 
         Raises:
-            CameraError: K has not nine values, or see the class.
+            CameraError: K has not nine values, is the matrix of no camera with square pixels and a centre in or near
+                its image, or see the class.
         """
         values = np.asarray(k, dtype=float).ravel()
         if values.size != 9:
             raise CameraError(f"K must have 9 values, found {values.size}")
-        return cls(int(width_px), int(height_px), *(float(values[i]) for i in (0, 4, 2, 5)))
+        intrinsics = cls(int(width_px), int(height_px), *(float(values[i]) for i in (0, 4, 2, 5)))
+        _refuse_impossible(intrinsics, values)
+        return intrinsics
 
     @property
     def matrix(self) -> NDArray[np.float64]:
         """K, shape (3, 3) [px]."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+
+def _refuse_impossible(k: Intrinsics, values: NDArray[np.float64]) -> None:
+    """Raise CameraError, by name of the entry, for a K that no camera has: mixed up, or of another image size."""
+    if values[8] != 1.0:
+        raise CameraError(f"K[8] must be 1, found {values[8]:g}; K is row-major: fx 0 cx 0 fy cy 0 0 1")
+    if abs(values[1]) > 1e-3 * k.fx:
+        raise CameraError(f"K[1], the skew, must be 0, found {values[1]:g}; no rectangular pixels have one")
+    if max(abs(values[i]) for i in (3, 6, 7)) > 1e-9:
+        raise CameraError(f"K[3], K[6] and K[7] must be 0, found {values[3]:g}, {values[6]:g}, {values[7]:g}")
+    if not 0.5 < k.fx / k.fy < 2.0:
+        raise CameraError(f"focal lengths fx = {k.fx:g} and fy = {k.fy:g} px are out of all proportion")
+    if not _NARROWEST[0] < k.fx / k.width_px < _NARROWEST[1]:
+        raise CameraError(
+            f"focal length fx = {k.fx:g} px does not fit a width of {k.width_px} px; was it calibrated at another size?"
+        )
+    for name, centre, extent in (("cx", k.cx, k.width_px), ("cy", k.cy, k.height_px)):
+        if not -0.5 * extent < centre < 1.5 * extent:
+            raise CameraError(
+                f"centre {name} = {centre:g} px lies far outside an image of {extent} px; was it calibrated at "
+                "another size?"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class CameraData:
+    """The fields of a ``sensor_msgs/CameraInfo``, as it defines them.
+
+    Args:
+        width_px, height_px: of the full image, that K and P are for.
+        model, d: lens.
+        k: (9,).
+        p: (12,), of the rectified image.
+        binning: of the pixels along x and y; 0 is 1.
+        roi: x, y, width, height of the part that is sent, in the full image; width or height 0 is all of it.
+    """
+
+    width_px: int
+    height_px: int
+    model: str
+    d: ArrayLike
+    k: ArrayLike
+    p: ArrayLike = ()
+    binning: tuple[int, int] = (1, 1)
+    roi: tuple[int, int, int, int] = (0, 0, 0, 0)
+
+    def pinhole(self, rectified: bool) -> tuple[Intrinsics, NDArray[np.float64]]:
+        """Return intrinsics of the image as it is sent, and what distorts it, shape (n,).
+
+        Binning and region are applied as image_geometry does: the region's corner is taken off the centre, then all
+        is divided by the binning.
+
+        Args:
+            rectified: whether the image is rectified: P is used, and D is not.
+
+        Raises:
+            CameraError: what is told describes no camera.
+        """
+        if rectified:
+            p = np.asarray(self.p, dtype=float).ravel()
+            if p.size != 12 or not p.any():
+                raise CameraError("P must have 12 values for a rectified image; or set rectified to false")
+            matrix, d = p.reshape(3, 4)[:, :3].ravel(), np.zeros(0)
+        else:
+            matrix, d = np.asarray(self.k, dtype=float).ravel(), distortion_of(self.model, self.d)
+        full = Intrinsics.from_camera_info(self.width_px, self.height_px, matrix)
+        x, y, width, height = self.roi
+        if width == 0 or height == 0:
+            x, y, width, height = 0, 0, full.width_px, full.height_px
+        if x + width > full.width_px or y + height > full.height_px:
+            raise CameraError(
+                f"roi of {width} x {height} px at ({x}, {y}) leaves the image of {full.width_px} x {full.height_px} px"
+            )
+        across, down = (max(int(number), 1) for number in self.binning)
+        return (
+            Intrinsics(
+                width // across,
+                height // down,
+                full.fx / across,
+                full.fy / down,
+                (full.cx - x) / across,
+                (full.cy - y) / down,
+            ),
+            d,
+        )
 
 
 def distortion_of(model: str, coefficients: ArrayLike) -> NDArray[np.float64]:

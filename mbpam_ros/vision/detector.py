@@ -1,18 +1,20 @@
-"""From one image of a calibrated camera to the shapes, sizes and places of the objects on the support plane.
+"""From what a calibrated camera sees to the shapes, sizes and places of the objects on the support plane.
 
-Segmentation from the table (its colour learnt from the image) gives regions; every region is fitted by a sphere, a
-lying cylinder and a box through the pinhole model (:mod:`mbpam_ros.vision.silhouette_fit`), with the height of the
-object over the support as part of the fit; the shape is the one whose edges and whose shading agree best.
+The best source at hand says where objects are: a depth image (what stands above the plane it finds), else an image of
+the empty table (what differs), else the image alone (what has no colour and no texture of the table). Every region is
+fitted by balls, lying and upright cylinders, capsules and boxes of several heights through the pinhole model
+(:mod:`mbpam_ros.vision.region_fit`); each fit gets a probability that it is right, and the likeliest is answered.
 
-Taken for granted: objects stand on the plane z = ``support_depth_m`` of ``gripper_base``, cylinders lie, boxes stand
-on a face, and the light comes from far away. A stand whose hue differs from the floor's and on which nothing stands
-is taken for a box. The height of a box is seen only where the camera sees one of its side faces.
+Taken for granted: objects stand on one plane (without a depth image: on z = ``support_depth_m`` of ``gripper_base``),
+cylinders lie or stand upright, boxes stand on a face. The height of a box is seen only where the camera sees one of
+its side faces, or has depth.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -23,42 +25,39 @@ from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.configuration import load_config, require_positive
 from mbpam_ros.errors import MbpamError
-from mbpam_ros.geometry.solids import SHAPES, Shape
+from mbpam_ros.geometry.solids import Shape
 from mbpam_ros.gripper import Gripper
+from mbpam_ros.vision.background import Background, Masks
 from mbpam_ros.vision.camera import Camera, CameraPose, Intrinsics
-from mbpam_ros.vision.primitives import (
-    Footprint,
-    canonical,
-    first_guesses,
-    orientation_xyzw,
-    sizes,
-    to_body,
-)
-from mbpam_ros.vision.raycast import chords, hit_body, hit_capsule, surface_normals
+from mbpam_ros.vision.confidence import FEATURES, probability
+from mbpam_ros.vision.depth import DepthError, DepthImage, Table, aligned, find_table
+from mbpam_ros.vision.primitives import SHAPE_OF, canonical, lies, place, sizes
+from mbpam_ros.vision.raycast import chords, hit_capsule
+from mbpam_ros.vision.region_fit import COARSE, Hypothesis, RegionFit, Surface, same_place
 from mbpam_ros.vision.segmentation import (
+    Region,
     SegmentationConfig,
     connected_regions,
     foreground,
+    split_by_depth,
     split_by_edges,
     split_by_hue,
+    union,
 )
-from mbpam_ros.vision.silhouette_fit import EdgeFit, FitError, SilhouetteFit
 
 Encoding = Literal["rgb8", "bgr8", "mono8"]
 ENCODINGS: tuple[Encoding, ...] = ("rgb8", "bgr8", "mono8")
+Source = Literal["image", "background", "depth"]
+SOURCES: tuple[Source, ...] = ("image", "background", "depth")
 LABELS: dict[str, str] = {"sphere": "sphere", "cylinder": "rod", "box": "box"}
 
-_COARSE = 2  # segmentation works on every second pixel
-_CONTOUR_POINTS = 90
-_WORST_CONTOUR_PX = 14.0
-_CONTOUR_TIE_PX = 3.0
-_GOOD_CONTOUR_PX = 1.0
-_SHADING_SAMPLES = 500
-_SHADING_WEIGHT_PX2 = 6.0
-_GOOD_COST_PX2 = 1.0
-_LEAST_OVERLAP = 0.6
 _SAG_M = 5e-4  # of the fingers' chords, well within the margin of their mask
 _MOST_PIECES = 4
+_LEAST_HEIGHT_M = 0.006  # above the plane of a depth image
+_HEIGHT_SIGMAS = 4.0
+_GOOD_CONFIDENCE = 0.6  # a region explained so well is not split
+_SURE_CONFIDENCE = 0.75
+_ALIKE = 0.85  # regions that share so much of their area are one
 
 
 class ImageError(MbpamError, ValueError):
@@ -73,22 +72,29 @@ class DetectorConfig:
         segmentation: thresholds of the foreground.
         edge_levels: least step of brightness that counts as an edge [8 bit levels per px].
         finger_margin_m: fingers are masked this much thicker than they are.
-        accepted_size_sigma_m: confidence halves at this standard deviation of a size or of the position.
         min_confidence: less certain detections are dropped.
         min_object_size_m: what is smaller in any extent is dropped.
+        budget_s: processor time after which no further region is looked at [s].
+        confidence: for each source the weights of :mod:`~mbpam_ros.vision.confidence`.
     """
 
     segmentation: SegmentationConfig
     edge_levels: float
     finger_margin_m: float
-    accepted_size_sigma_m: float
     min_confidence: float
     min_object_size_m: float
+    budget_s: float
+    confidence: dict[str, dict[str, float]]
 
     def __post_init__(self) -> None:
-        require_positive(self, "edge_levels", "accepted_size_sigma_m", "min_object_size_m")
+        require_positive(self, "edge_levels", "min_object_size_m", "budget_s")
         if self.finger_margin_m < 0.0 or not 0.0 <= self.min_confidence <= 1.0:
             raise ValueError("finger_margin_m must not be negative, min_confidence must lie in 0..1")
+        if set(self.confidence) != set(SOURCES):
+            raise ValueError(f"confidence must have weights for {', '.join(SOURCES)}")
+        unknown = {name for weights in self.confidence.values() for name in weights} - set(FEATURES)
+        if unknown:
+            raise ValueError(f"confidence: {', '.join(sorted(unknown))} is none of {', '.join(FEATURES)}")
 
 
 def load_detector_config(name: str | Path = "detector.yaml") -> DetectorConfig:
@@ -108,12 +114,14 @@ class Detection:
         shape: sphere, cylinder (axis along body z) or box (body x = width, y = length >= width, z = height).
         size_m: (3,).
         position_m: (3,), centre.
-        orientation_xyzw: (4,); at identity the box's length, at yaw 0 the cylinder's axis lie along y. Yaw lies in
-            (-90, 90] deg, as neither has a front.
-        confidence: 0 to 1: share of the silhouette's visible edge that was found, times how well the edges agree,
-            times how sure they make the size. Low where the image's border or a finger hides an end of the object.
+        orientation_xyzw: (4,); at identity the box's length lies along y. Yaw lies in (-90, 90] deg, as neither box
+            nor cylinder has a front.
+        confidence: probability that shape and size are right within 8 mm, 0 to 1; of an object seen in part, that
+            its shape and width are, and that it is no shorter than is said.
         label: what to call it.
         contour_px: (m, 2), the model's outline in the image as it was given.
+        source: what the object was told from: image, background (with an image of the empty table) or depth.
+        bound: what is known of a length that is seen in part, in words; empty where all of it is seen.
     """
 
     shape: Shape
@@ -123,12 +131,20 @@ class Detection:
     confidence: float
     label: str
     contour_px: NDArray[np.float64]
+    source: Source = "image"
+    bound: str = ""
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is a cylinder whose axis is upright."""
+        x, y, _, _ = self.orientation_xyzw
+        return self.shape == "cylinder" and 1.0 - 2.0 * (x * x + y * y) > 0.7
 
     @property
     def yaw_rad(self) -> float:
-        """Angle from gripper y to the object's length, about z; 0 for a sphere."""
+        """Angle from gripper y to the object's length, about z; 0 for a sphere and for a cylinder that stands."""
         x, y, z, w = self.orientation_xyzw
-        if self.shape == "sphere":
+        if self.shape == "sphere" or self.stands:
             return 0.0
         # Image of the body axis that carries the length: z of a cylinder, y of a box.
         if self.shape == "cylinder":
@@ -139,16 +155,30 @@ class Detection:
 
 
 @dataclass(frozen=True, eq=False)
-class _Hypothesis:
-    fit: EdgeFit
-    cost_px2: float
-    overlap: float
-    outline: NDArray[np.float64]
-    holes: bool
+class Sighting:
+    """What was seen in one frame.
+
+    Args:
+        detections: the objects, the surest first.
+        source: what they were told from.
+        support_depth_m: z of the plane they stand on, below the palm; measured where there is depth.
+        tilt_deg: by how much the depth image finds the camera tilted against its pose; None without depth.
+        passed_over: regions that were not looked at because the time was over; the smallest are left out.
+        cpu_s: processor time it took.
+        remark: why a better source was not used; empty if nothing is to be said.
+    """
+
+    detections: list[Detection]
+    source: Source
+    support_depth_m: float
+    tilt_deg: float | None
+    passed_over: int
+    cpu_s: float
+    remark: str = ""
 
 
 class ObjectDetector:
-    """Finds the objects in a stream of images; keeps what depends on the camera alone.
+    """Finds the objects in a stream of images; keeps what depends on the camera alone, and the empty table.
 
     Args:
         config: thresholds.
@@ -162,6 +192,7 @@ class ObjectDetector:
         self._finger_radius_m = gripper.geometry.outer_radius_m if gripper else 0.0
         self._open_fingers = _straight_fingers(gripper) if gripper else None
         self._views: dict[Intrinsics, _View] = {}
+        self.background: Background | None = None
 
     def detect(
         self,
@@ -171,8 +202,24 @@ class ObjectDetector:
         distortion: ArrayLike | None,
         support_depth_m: float,
         finger_centrelines_m: NDArray[np.float64] | None = None,
+        depth: DepthImage | None = None,
     ) -> list[Detection]:
-        """Objects in ``image``, the surest first; an empty list if there are none.
+        """Return the detections of :meth:`look`."""
+        return self.look(
+            image, encoding, intrinsics, distortion, support_depth_m, finger_centrelines_m, depth
+        ).detections
+
+    def look(
+        self,
+        image: NDArray[np.uint8],
+        encoding: str,
+        intrinsics: Intrinsics,
+        distortion: ArrayLike | None,
+        support_depth_m: float,
+        finger_centrelines_m: NDArray[np.float64] | None = None,
+        depth: DepthImage | None = None,
+    ) -> Sighting:
+        """Find the objects in ``image``.
 
         Args:
             image: (H, W, 3), or (H, W) for mono8, uint8.
@@ -182,45 +229,160 @@ class ObjectDetector:
                 for none.
             support_depth_m: z of the plane the objects stand on, from the palm.
             finger_centrelines_m: (4, n, 3), where the fingers are if they are not open.
+            depth: what a depth camera sees at the same time, rectified.
 
         Raises:
-            ImageError: type, encoding, size, depth or centrelines do not fit.
+            ImageError: type, encoding, size, depth of the support or centrelines do not fit.
+            BackgroundError: the empty table was learnt with other images.
         """
+        began_s = time.thread_time()
         grey_or_rgb = _checked(image, encoding, intrinsics)
         if not math.isfinite(support_depth_m) or support_depth_m <= self._pose.position_m[2]:
             raise ImageError(f"support_depth_m must lie below the camera, found {support_depth_m}")
         lens = _lens(distortion)
-        if lens is not None:
-            grey_or_rgb = cv2.undistort(grey_or_rgb, intrinsics.matrix, lens).astype(np.uint8, copy=False)
         view = self._view(intrinsics)
-        fingers = self._open_fingers
-        if finger_centrelines_m is not None:
-            fingers = np.asarray(finger_centrelines_m, dtype=float)
-            if fingers.ndim != 3 or fingers.shape[1] < 2 or fingers.shape[2] != 3 or not np.isfinite(fingers).all():
-                raise ImageError(f"finger_centrelines_m must be finite and (4, n >= 2, 3), found {fingers.shape}")
-        hidden = view.hidden_by(fingers, self._finger_radius_m + self._config.finger_margin_m)
-        found = _Search(self._config, view.camera, support_depth_m, grey_or_rgb, hidden).run()
-        return [self._detection(item, view.camera, lens, support_depth_m) for item in found]
+        if lens is not None:
+            grey_or_rgb = view.straightened(grey_or_rgb, lens)
+        hidden = self._hidden(view, finger_centrelines_m)
+        smooth = _levels(cv2.GaussianBlur(grey_or_rgb, (3, 3), 0.8)).reshape(*grey_or_rgb.shape[:2], -1)
+        coarse = _coarse(grey_or_rgb, hidden.shape)
+        table, remark = None, ""
+        if depth is not None:
+            try:
+                table = find_table(aligned(depth, view.camera), view.camera, COARSE, hidden, support_depth_m)
+            except DepthError as error:
+                remark = f"depth not used: {error}"
+        source: Source = "depth" if table is not None else "image" if self.background is None else "background"
+        if table is not None:
+            masks, camera, support_m = _above(table, hidden), table.camera, table.support_depth_m
+        else:
+            camera, support_m = view.camera, support_depth_m
+            known = hidden == 0
+            if self.background is not None:
+                masks = self.background.differences(coarse, known)
+            else:
+                masks = foreground(coarse, known, self._config.segmentation)
+        level = coarse[..., 0] if coarse.shape[2] == 1 else _levels(cv2.cvtColor(coarse, cv2.COLOR_RGB2GRAY))
+        surface = None if table is None else Surface(table.points_m, table.height_m, table.noise_m)
+        fit = RegionFit(camera, support_m, smooth, level, hidden, self._config.edge_levels, surface)
+        search = _Search(self._config, source, fit, coarse, masks, began_s)
+        found = search.run()
+        detections = [self._detection(item, camera, lens, support_m, source) for item in found]
+        return Sighting(
+            detections,
+            source,
+            support_m,
+            None if table is None else table.tilt_deg,
+            search.passed_over,
+            time.thread_time() - began_s,
+            remark,
+        )
+
+    def learn_background(
+        self,
+        frames: Sequence[NDArray[np.uint8]],
+        encoding: str,
+        intrinsics: Intrinsics,
+        distortion: ArrayLike | None,
+        finger_centrelines_m: NDArray[np.float64] | None = None,
+    ) -> Background:
+        """Take frames, as for :meth:`look`, as the empty table, and return what was learnt.
+
+        Raises:
+            ImageError: type, encoding, size or centrelines do not fit.
+            BackgroundError: there are no frames.
+        """
+        lens, view = _lens(distortion), self._view(intrinsics)
+        hidden = self._hidden(view, finger_centrelines_m)
+        coarse = []
+        for frame in frames:
+            pixels = _checked(frame, encoding, intrinsics)
+            pixels = pixels if lens is None else view.straightened(pixels, lens)
+            coarse.append(_coarse(pixels, hidden.shape))
+        self.background = Background.learn(coarse, [hidden] * len(coarse))
+        return self.background
 
     def _view(self, intrinsics: Intrinsics) -> _View:
         if intrinsics not in self._views:
             self._views = {intrinsics: _View(Camera(intrinsics, self._pose))}
         return self._views[intrinsics]
 
-    def _detection(self, found: _Hypothesis, camera: Camera, lens: NDArray | None, support_depth_m: float) -> Detection:
-        shape = found.fit.shape
-        parameters = canonical(shape, found.fit.parameters)
-        body = to_body(shape, parameters, support_depth_m)
-        outline = found.outline if lens is None else _distorted(found.outline, camera.intrinsics, lens)
+    def _hidden(self, view: _View, finger_centrelines_m: NDArray[np.float64] | None) -> NDArray[np.uint8]:
+        fingers = self._open_fingers
+        if finger_centrelines_m is not None:
+            fingers = np.asarray(finger_centrelines_m, dtype=float)
+            if fingers.ndim != 3 or fingers.shape[1] < 2 or fingers.shape[2] != 3 or not np.isfinite(fingers).all():
+                raise ImageError(f"finger_centrelines_m must be finite and (4, n >= 2, 3), found {fingers.shape}")
+        return view.hidden_by(fingers, self._finger_radius_m + self._config.finger_margin_m)
+
+    def _detection(
+        self, found: Hypothesis, camera: Camera, lens: NDArray | None, support_m: float, source: Source
+    ) -> Detection:
+        shape = SHAPE_OF[found.form]
+        parameters = canonical(found.form, found.parameters)
+        body = place(found.form, parameters, support_m)
+        outline = found.outline_px if lens is None else _distorted(found.outline_px, camera.intrinsics, lens)
         return Detection(
             shape,
-            sizes(shape, parameters),
-            np.array(body.centre),
-            orientation_xyzw(body),
-            _confidence(found, self._config),
+            sizes(found.form, parameters),
+            body.centre,
+            body.orientation_xyzw,
+            found.confidence,
             LABELS[shape],
             outline,
+            source,
+            _bound(found, camera, parameters),
         )
+
+
+def _bound(found: Hypothesis, camera: Camera, parameters: NDArray[np.float64]) -> str:
+    """What is known of a length of which an end is not seen."""
+    if all(found.ends_seen) or not lies(found.form):
+        return ""
+    k = camera.intrinsics
+    (left, top), (right, bottom) = found.outline_px.min(axis=0), found.outline_px.max(axis=0)
+    border = 3.0 * COARSE
+    sides = [
+        name
+        for name, past in (
+            ("left", left < border),
+            ("right", right > k.width_px - 1 - border),
+            ("top", top < border),
+            ("bottom", bottom > k.height_px - 1 - border),
+        )
+        if past
+    ]
+    where = f"runs out of the image on the {' and the '.join(sides)}" if sides else "a finger hides an end"
+    return f"at least {1e3 * parameters[4]:.0f} mm long, {where}"
+
+
+def _above(table: Table, hidden: NDArray[np.uint8]) -> Masks:
+    """What stands above the plane of a depth image. Small holes are closed."""
+    least = max(_LEAST_HEIGHT_M, _HEIGHT_SIGMAS * table.noise_m)
+    with np.errstate(invalid="ignore"):
+        above = (table.height_m > least) & (table.height_m < table.support_depth_m + 1.0)
+    mask = cv2.morphologyEx(above.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)).astype(bool) & (hidden == 0)
+    return Masks(mask, mask)
+
+
+def _explains(found: Hypothesis, region: Region) -> bool:
+    """Whether a sure hypothesis already covers half of a region: then no other reading of it is sought."""
+    if found.confidence < _SURE_CONFIDENCE:
+        return False
+    model = np.zeros(region.mask.shape, np.uint8)
+    corners = np.round((found.outline_px / COARSE - (region.left, region.top)) * 16.0)
+    cv2.fillConvexPoly(model, np.clip(corners, -(2**20), 2**20).astype(np.int32), 1, shift=4)
+    return bool(np.count_nonzero(model.astype(bool) & region.mask) > 0.5 * region.area)
+
+
+def _coarse(image: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    small = _levels(cv2.resize(image, (shape[1], shape[0]), interpolation=cv2.INTER_AREA))
+    return small.reshape(shape[0], shape[1], -1)
+
+
+def _levels(image: NDArray) -> NDArray[np.uint8]:
+    return image.astype(np.uint8, copy=False)
 
 
 def _checked(image: NDArray, encoding: str, intrinsics: Intrinsics) -> NDArray[np.uint8]:
@@ -258,25 +420,28 @@ def _straight_fingers(gripper: Gripper) -> NDArray[np.float64]:
     return np.stack([base, base + (0.0, 0.0, gripper.geometry.length_m)], axis=1)
 
 
-def _confidence(found: _Hypothesis, config: DetectorConfig) -> float:
-    fit = found.fit
-    certainty = 1.0 / (1.0 + (fit.size_sigma_m / config.accepted_size_sigma_m) ** 2)
-    agreement = math.exp(-0.25 * found.cost_px2)
-    return float(np.clip(fit.coverage * found.overlap * agreement * certainty, 0.0, 1.0))
-
-
 class _View:
     """The camera's rays at the coarse pixels, and the mask of the fingers last seen."""
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
         k = camera.intrinsics
-        v, u = np.mgrid[0 : k.height_px : _COARSE, 0 : k.width_px : _COARSE]
-        rays = camera.rays(np.stack([u, v], axis=-1) + 0.5 * (_COARSE - 1)).astype(np.float32)
+        v, u = np.mgrid[0 : k.height_px : COARSE, 0 : k.width_px : COARSE]
+        rays = camera.rays(np.stack([u, v], axis=-1) + 0.5 * (COARSE - 1)).astype(np.float32)
         x, y, z = (np.ascontiguousarray(rays[..., i]) for i in range(3))
         self._rays = x, y, z
         self._fingers: NDArray[np.float64] | None = None
         self._hidden = np.zeros(self._rays[0].shape, dtype=np.uint8)
+        self._maps: tuple[NDArray, NDArray, NDArray] | None = None
+
+    def straightened(self, image: NDArray[np.uint8], lens: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """The image as an ideal pinhole would have it."""
+        if self._maps is None or not np.array_equal(self._maps[0], lens):
+            k = self.camera.intrinsics
+            size = (k.width_px, k.height_px)
+            self._maps = lens, *cv2.initUndistortRectifyMap(k.matrix, lens, None, k.matrix, size, cv2.CV_16SC2)
+        _, u, v = self._maps
+        return cv2.remap(image, u, v, cv2.INTER_LINEAR).astype(np.uint8, copy=False)
 
     def hidden_by(self, fingers_m: NDArray[np.float64] | None, radius_m: float) -> NDArray[np.uint8]:
         """Coarse mask, (h, w) uint8, of what fingers (4, n, 3) may hide."""
@@ -295,193 +460,103 @@ class _View:
 
 
 class _Search:
-    """The objects of one image."""
+    """The objects of one image.
+
+    Args:
+        config: thresholds.
+        source: of the masks.
+        fit: explains regions.
+        coarse: (h, w, c) uint8, every second pixel.
+        masks: where objects may be.
+        began_s: thread time at which the frame was begun.
+    """
 
     def __init__(
-        self, config: DetectorConfig, camera: Camera, support_depth_m: float, image: NDArray, hidden: NDArray
+        self,
+        config: DetectorConfig,
+        source: Source,
+        fit: RegionFit,
+        coarse: NDArray[np.uint8],
+        masks: Masks,
+        began_s: float,
     ) -> None:
-        self._config = config
-        self._camera = camera
-        self._support_depth_m = support_depth_m
-        k = camera.intrinsics
-        self._hidden = hidden
-        coarse_size = (hidden.shape[1], hidden.shape[0])
-        coarse = cv2.resize(image, coarse_size, interpolation=cv2.INTER_AREA).astype(np.float32)
-        self._coarse = coarse.reshape(*hidden.shape, -1)
-        # An edge near a finger may be the finger's: keep off by more than the search reaches in the end.
-        wide = cv2.dilate(hidden, np.ones((5, 5), np.uint8))
-        full_hidden = cv2.resize(wide, (k.width_px, k.height_px), interpolation=cv2.INTER_NEAREST)
-        smooth = cv2.GaussianBlur(image, (3, 3), 0.8).astype(np.float32)
-        self._fit = SilhouetteFit(
-            camera, support_depth_m, smooth, full_hidden.astype(np.uint8, copy=False), config.edge_levels
-        )
-        self._min_area = config.segmentation.min_area_px / _COARSE**2
-        # Contour pixels beside a finger or at the image's border are not the object's outline.
-        self._unsure = cv2.dilate(hidden, np.ones((5, 5), np.uint8))
-        self._unsure[:2], self._unsure[-2:], self._unsure[:, :2], self._unsure[:, -2:] = 1, 1, 1, 1
+        self._config, self._fit, self._coarse, self._masks = config, fit, coarse, masks
+        self._source = source
+        self._weights = config.confidence[source]
+        self._min_area = config.segmentation.min_area_px / COARSE**2
+        self._ends_s = began_s + config.budget_s
+        self.passed_over = 0
 
-    def run(self) -> list[_Hypothesis]:
-        """The best hypotheses that do not overlap each other, the surest first."""
-        mask = foreground(self._coarse, self._hidden == 0, self._config.segmentation)
-        regions = connected_regions(mask, self._min_area)
-        hypotheses = [item for group in self._groups(regions) for item in self._explain(group)]
-        hypotheses = [h for h in hypotheses if self._acceptable(h)]
-        hypotheses.sort(key=lambda h: -_confidence(h, self._config))
-        chosen: list[_Hypothesis] = []
-        for candidate in hypotheses:
-            if not any(self._collide(candidate, other) for other in chosen) and self._stands_beside(candidate, chosen):
+    def run(self) -> list[Hypothesis]:
+        """The likeliest hypotheses that do not overlap each other, the surest first."""
+        found: list[Hypothesis] = []
+        for region in self._regions():
+            if any(_explains(item, region) for item in found):
+                continue
+            if time.thread_time() > self._ends_s:
+                self.passed_over += 1
+                continue
+            found += self._explain(region)
+        found.sort(key=lambda item: -item.confidence)
+        chosen: list[Hypothesis] = []
+        for candidate in found:
+            if not any(same_place(candidate, other) for other in chosen):
                 chosen.append(candidate)
-        return chosen
+        return [item for item in chosen if item.confidence >= self._config.min_confidence]
 
-    def _stands_beside(self, candidate: _Hypothesis, chosen: list[_Hypothesis]) -> bool:
-        """Whether the candidate's own edges suffice, without those it shares with surer objects.
+    def _regions(self) -> list[Region]:
+        """What may be objects, the largest first; then regions with shadows, and what a finger may have cut apart."""
+        sure = connected_regions(self._masks.sure, self._min_area)
+        others = []
+        if self._masks.with_shadow is not self._masks.sure:
+            for region in connected_regions(self._masks.with_shadow, self._min_area):
+                if all(region.shared(known) < _ALIKE * region.area for known in sure):
+                    others.append(region)
+        return [*sure, *others, *self._severed(sure)]
 
-        What is left of a stand behind the object that stands on it has an outline, but not one of its own.
-        """
-        fit = candidate.fit
-        try:
-            alone = self._fit.judge(fit.shape, fit.parameters, [other.outline for other in chosen])
-        except FitError:
-            return False
-        return self._acceptable(replace(candidate, fit=alone))
-
-    def _groups(self, regions: list[NDArray[np.bool_]]) -> Iterator[NDArray[np.bool_]]:
-        """The regions, and the unions of regions that one finger may have cut apart."""
-        yield from regions
-        if len(regions) < 2:
+    def _severed(self, regions: list[Region]) -> Iterator[Region]:
+        """Unions of regions that fingers may have cut apart."""
+        if len(regions) < 2 or not self._fit.hidden.any():
             return
-        count, fingers = cv2.connectedComponents(self._hidden)
+        count, fingers = cv2.connectedComponents(self._fit.hidden)
+        kernel = np.ones((5, 5), np.uint8)
         severed: list[set[int]] = []
         for finger in range(1, count):
-            near = cv2.dilate((fingers == finger).astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
-            touching = {i for i, region in enumerate(regions) if (region & near).any()}
+            near = cv2.dilate((fingers == finger).astype(np.uint8), kernel).astype(bool)
+            touching = {i for i, region in enumerate(regions) if (region.mask & near[region.window]).any()}
             if len(touching) > 1:
                 severed.append(touching)
         if len(severed) > 1:
             severed.append(set().union(*severed))
         for group in severed:
             if len(group) <= _MOST_PIECES:
-                yield np.logical_or.reduce([regions[i] for i in group])
+                yield union([regions[i] for i in group])
 
-    def _explain(self, region: NDArray[np.bool_]) -> list[_Hypothesis]:
-        """The best primitive for the region as a whole or, if none is good, also those for its parts."""
+    def _explain(self, region: Region) -> list[Hypothesis]:
+        """The likeliest primitive for the region as a whole or, if none is likely, also those for its parts."""
         whole = self._best(region)
-        if whole is not None and whole.cost_px2 < _GOOD_COST_PX2 and whole.overlap > 0.93:
+        if whole is not None and whole.confidence > _GOOD_CONFIDENCE:
             return [whole]
-        parts = split_by_hue(self._coarse, region, self._min_area)
-        parts = parts or split_by_edges(self._coarse, region, self._min_area)
-        found: Iterable[_Hypothesis | None] = (whole, *(self._best(part) for part in parts))
-        return [item for item in found if item is not None]
-
-    def _best(self, region: NDArray[np.bool_]) -> _Hypothesis | None:
-        """The primitive that explains the region at the least cost."""
-        contour = self._contour(region)
-        if len(contour) < 12:
-            return None
-        starts = []
-        for shape in SHAPES:
-            start = self._start(shape, contour)
-            if start is not None:
-                starts.append((start[1], shape, start[0]))
-        if not starts:
-            return None
-        closest = min(start[0] for start in starts)
-        hypotheses = []
-        for rms, shape, parameters in starts:
-            if rms > max(_CONTOUR_TIE_PX, 2.5 * closest):
-                continue
-            try:
-                fit = self._fit.fit_edges(shape, parameters)
-                hypotheses.append(self._hypothesis(fit, region))
-            except FitError:
-                continue
-        return min(hypotheses, key=lambda h: h.cost_px2 + 4.0 * (1.0 - h.overlap), default=None)
-
-    def _contour(self, region: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Points, (n, 2) px of the full image, of the region's outline where nothing hides it."""
-        outlines, _ = cv2.findContours(region.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        points = np.concatenate([outline[:, 0] for outline in outlines])
-        points = points[self._unsure[points[:, 1], points[:, 0]] == 0]
-        stride = max(len(points) // _CONTOUR_POINTS, 1)
-        return _COARSE * points[::stride] + 0.5 * (_COARSE - 1)
-
-    def _start(self, shape: Shape, contour: NDArray) -> tuple[NDArray, float] | None:
-        rays = self._camera.rays(contour)
-        downward = rays[:, 2] > 0.1
-        if downward.sum() < 8:
-            return None
-        rays = rays[downward]
-        footprint = _footprint(self._camera.unproject(contour[downward], self._support_depth_m)[:, :2])
-        best: tuple[NDArray, float] | None = None
-        for guess in first_guesses(shape, footprint, rays, self._support_depth_m, self._camera.position_m):
-            try:
-                parameters, rms = self._fit.fit_contour(shape, guess, contour)
-            except FitError:
-                continue
-            if best is None or rms < best[1]:
-                best = (parameters, rms)
-            if rms < _GOOD_CONTOUR_PX:
+        found = [] if whole is None else [whole]
+        for part in self._parts(region):
+            if time.thread_time() > self._ends_s:
                 break
-        return best if best is not None and best[1] < _WORST_CONTOUR_PX else None
+            best = self._best(part)
+            if best is not None:
+                found.append(best)
+        return found
 
-    def _hypothesis(self, fit: EdgeFit, region: NDArray[np.bool_]) -> _Hypothesis:
-        outline = self._fit.outline(fit.shape, fit.parameters)
-        model = np.zeros(region.shape, dtype=np.uint8)
-        corners = np.round(((outline - 0.5 * (_COARSE - 1)) / _COARSE) * 16.0).astype(np.int32)
-        cv2.fillConvexPoly(model, corners, 1, shift=4)
-        seen = model.astype(bool) & (self._hidden == 0)
-        overlap = float((seen & region).sum()) / max(float((seen | region).sum()), 1.0)
-        holes = float((seen & ~region).sum()) > 0.25 * float(seen.sum())
-        cost = fit.misfit_px2 + _SHADING_WEIGHT_PX2 * self._shading_misfit(fit, seen & region)
-        return _Hypothesis(fit, cost, overlap, outline, holes)
+    def _parts(self, region: Region) -> list[Region]:
+        if self._fit.surface is not None:
+            parts = split_by_depth(self._fit.surface.points_m, region, self._min_area)
+            if parts:
+                return parts
+        parts = split_by_hue(self._coarse, region, self._min_area)
+        return parts or split_by_edges(self._coarse, region, self._min_area)
 
-    def _shading_misfit(self, fit: EdgeFit, region: NDArray[np.bool_]) -> float:
-        """Share of the brightness' variation that Lambert's law with the model's normals leaves unexplained.
-
-        Under one distant lamp and an ambient light the brightness is a + b . normal wherever the lamp shines.
-        """
-        rows, columns = np.nonzero(cv2.erode(region.astype(np.uint8), np.ones((3, 3), np.uint8)))
-        if len(rows) < 30:
-            return 0.0
-        pick = slice(None, None, max(len(rows) // _SHADING_SAMPLES, 1))
-        rows, columns = rows[pick], columns[pick]
-        body = to_body(fit.shape, fit.parameters, self._support_depth_m)
-        rays = self._camera.rays(_COARSE * np.column_stack([columns, rows]) + 0.5 * (_COARSE - 1))
-        direction = tuple(rays.astype(np.float32).T)
-        eye = self._camera.position_m.astype(np.float32)
-        t = hit_body(body, tuple(eye), direction)
-        hit = np.isfinite(t)
-        if hit.sum() < 30:
-            return 1.0
-        points = tuple(e + t[hit] * d[hit] for e, d in zip(eye, direction, strict=True))
-        normals = np.column_stack([np.ones(int(hit.sum())), *surface_normals(body, points)])
-        level = self._coarse[rows[hit], columns[hit]].mean(axis=1)
-        law = np.linalg.lstsq(normals, level, rcond=1e-4)[0]
-        rest = level - normals @ law
-        # Variation at the level of noise and quantisation says nothing.
-        return float(np.var(rest) / (np.var(level) + 6.0))
-
-    def _acceptable(self, hypothesis: _Hypothesis) -> bool:
-        fit = hypothesis.fit
-        size = sizes(fit.shape, fit.parameters)
-        return (
-            not hypothesis.holes
-            and hypothesis.overlap > _LEAST_OVERLAP
-            and size.min() >= self._config.min_object_size_m
-            and _confidence(hypothesis, self._config) >= self._config.min_confidence
-        )
-
-    def _collide(self, first: _Hypothesis, second: _Hypothesis) -> bool:
-        """Whether more than a fifth of the smaller outline lies in the other: two readings of one object."""
-        a, b = (h.outline.astype(np.float32) for h in (first, second))
-        shared, _ = cv2.intersectConvexConvex(a, b)
-        return shared > 0.2 * min(cv2.contourArea(a), cv2.contourArea(b))
-
-
-def _footprint(points: NDArray[np.float64]) -> Footprint:
-    """The smallest rectangle around points, (n, 2) [m], of the support plane."""
-    (x, y), (first, second), degrees = cv2.minAreaRect((1000.0 * points).astype(np.float32))
-    yaw = math.radians(degrees)  # of the side ``first``
-    if first > second:
-        first, second, yaw = second, first, yaw + 0.5 * math.pi
-    return Footprint(x / 1000.0, y / 1000.0, yaw, first / 1000.0, second / 1000.0)
+    def _best(self, region: Region) -> Hypothesis | None:
+        """The likeliest primitive for a region."""
+        rated = [replace(item, confidence=probability(item, self._weights)) for item in self._fit.explanations(region)]
+        least_m = self._config.min_object_size_m
+        usable = [item for item in rated if float(sizes(item.form, item.parameters).min()) >= least_m]
+        return max(usable, key=lambda item: item.confidence, default=None)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mbpam_ros.configuration import ConfigError, load_yaml
 from mbpam_ros.vision.camera import CameraError, Intrinsics, distortion_of
+from mbpam_ros.vision.depth import depth_in_metres
 from mbpam_ros.vision.detector import ImageError
 
 
@@ -28,6 +29,31 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     if image is None:
         raise ImageError(f"{path}: no image that OpenCV can read")
     return image.astype(np.uint8, copy=False)
+
+
+def read_depth(path: Path) -> NDArray[np.float32]:
+    """Return a depth image as metres, (H, W), NaN where there is no answer.
+
+    Files of 16 bits hold millimetres (png, tiff), those of 32 bit floating point metres (tiff, exr), arrays of NumPy
+    (.npy) either, by their type.
+
+    Raises:
+        ImageError: there is no such file, or it is no depth image.
+    """
+    try:
+        if path.suffix == ".npy":
+            values = np.load(path, allow_pickle=False)
+        else:
+            read = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+            values = np.empty((0, 0)) if read is None else np.asarray(read)
+    except (OSError, ValueError, cv2.error) as error:
+        raise ImageError(f"{path}: cannot be read as a depth image: {error}") from error
+    if values.dtype == np.float64:
+        values = values.astype(np.float32)
+    encoding = {np.dtype(np.uint16): "16UC1", np.dtype(np.float32): "32FC1"}.get(values.dtype)
+    if encoding is None or values.ndim != 2:
+        raise ImageError(f"{path}: no depth image: found {values.dtype} {values.shape}, wanted (H, W) of 16 or 32 bit")
+    return depth_in_metres(values, encoding)
 
 
 def write_image(path: Path, image: NDArray[np.uint8]) -> None:

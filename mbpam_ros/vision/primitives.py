@@ -1,184 +1,156 @@
-"""The primitives the detector fits: a sphere, a lying cylinder and a box, all standing on one horizontal plane.
+"""The primitives the detector fits, all standing on one horizontal plane.
 
-Each is a short vector of parameters; its height over the support couples to its size, so that what the image shows
-of it fixes its size in metres. A primitive's silhouette is the convex hull of its projected vertices.
+A ball, a lying cylinder, one that stands upright, a box on any of its faces and a lying capsule. Each is a short
+vector of parameters; its height over the support couples to its size, so that what the image shows of it fixes its
+size in metres. Its silhouette is the convex hull of its projected vertices.
 
-Parameters [m, rad], all in ``gripper_base``: sphere (x, y, radius); cylinder (x, y, yaw, radius, length); box (x, y,
-yaw, width, length, height). At yaw = 0 the cylinder's axis and the box's length lie along y.
+Parameters [m, rad], all in ``gripper_base``: ball (x, y, radius); rod (x, y, yaw, radius, length); post (x, y, radius,
+height); box (x, y, yaw, width, length, height); capsule (x, y, yaw, radius, length with its ends). At yaw = 0 the axis
+of rod and capsule and the box's length lie along y.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mbpam_ros.geometry.solids import BOX_CORNERS, Shape
-from mbpam_ros.vision.raycast import Body
+from mbpam_ros.geometry.solids import Shape
+from mbpam_ros.vision.solid_fit_kernel import BOX, CAPSULE, POST, ROD, SPHERE, clipped
 
-SPHERE_VERTICES = 48
-CAP_VERTICES = 32
-
-_PARAMETERS: dict[str, tuple[str, ...]] = {
-    "sphere": ("x", "y", "radius"),
-    "cylinder": ("x", "y", "yaw", "radius", "length"),
-    "box": ("x", "y", "yaw", "width", "length", "height"),
-}
+FORMS = (SPHERE, ROD, POST, BOX, CAPSULE)
+SHAPE_OF: dict[int, Shape] = {SPHERE: "sphere", ROD: "cylinder", POST: "cylinder", BOX: "box", CAPSULE: "cylinder"}
 YAW_INDEX = 2
-FIRST_SIZE = {"sphere": 2, "cylinder": 3, "box": 3}
 
-_BOX_FACES = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]], dtype=float)
-_BOX_EDGES = np.array([(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit])
-
-
-def parameter_count(shape: Shape) -> int:
-    """Number of parameters of ``shape``."""
-    return len(_PARAMETERS[shape])
+_HEIGHTS = (0.08, 0.16, 0.26, 0.38, 0.52)
+"""Heights that a silhouette is tried for, as shares of the camera's own or of :data:`_TALL_M`."""
+_TALL_M = 0.20
+_LEAST_EXTENT_M = 0.003
 
 
-def vertices(shape: Shape, parameters: NDArray, support_depth_m: float, eye_m: NDArray) -> NDArray[np.float64]:
-    """Points whose convex hull has the silhouette of the primitive, seen from ``eye_m``, shape (3,).
-
-    Args:
-        parameters: (k, parameter_count), k variants at once.
-
-    Returns:
-        (k, m, 3) points in ``gripper_base``; m and the points' order depend on the shape alone.
-    """
-    p = np.atleast_2d(parameters)
-    if shape == "sphere":
-        return _sphere_outline(p, support_depth_m, eye_m)
-    yaw = p[:, YAW_INDEX]
-    zero = np.zeros_like(yaw)
-    across = np.stack([np.cos(yaw), np.sin(yaw), zero], axis=-1)[:, None, :]
-    along = np.stack([-np.sin(yaw), np.cos(yaw), zero], axis=-1)[:, None, :]
-    if shape == "cylinder":
-        radius, half_length = p[:, 3, None, None], 0.5 * p[:, 4, None, None]
-        angle = 2.0 * math.pi * np.arange(CAP_VERTICES) / CAP_VERTICES
-        down = np.array([0.0, 0.0, 1.0])
-        ring = radius * (np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * down)
-        ring += np.stack([p[:, 0], p[:, 1], support_depth_m - p[:, 3]], axis=-1)[:, None, :]
-        return np.concatenate([ring - half_length * along, ring + half_length * along], axis=1)
-    half = 0.5 * p[:, 3:6]
-    centre = np.stack([p[:, 0], p[:, 1], support_depth_m - half[:, 2]], axis=-1)[:, None, :]
-    corner = BOX_CORNERS[None] * half[:, None, :]
-    return centre + corner[..., :1] * across + corner[..., 1:2] * along + corner[..., 2:] * np.array([0.0, 0.0, 1.0])
+def lies(form: int) -> bool:
+    """Whether the form has a yaw."""
+    return form in (ROD, BOX, CAPSULE)
 
 
-def _sphere_outline(p: NDArray, support_depth_m: float, eye_m: NDArray) -> NDArray[np.float64]:
-    """The circle in which the cone of tangents from the eye touches the sphere."""
-    radius = p[:, 2, None]
-    view = np.column_stack([p[:, :2], support_depth_m - p[:, 2]]) - eye_m
-    distance = np.linalg.norm(view, axis=1, keepdims=True)
-    view = view / distance
-    first = np.cross(view, [0.0, 1.0, 0.0])
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(view, first)
-    sine = radius / distance
-    centre = eye_m + view * (distance - radius * sine)
-    ring = radius * np.sqrt(np.maximum(1.0 - sine**2, 1e-9))
-    angle = 2.0 * math.pi * np.arange(SPHERE_VERTICES) / SPHERE_VERTICES
-    circle = np.cos(angle)[:, None] * first[:, None, :] + np.sin(angle)[:, None] * second[:, None, :]
-    return centre[:, None, :] + ring[:, None, :] * circle
-
-
-def box_creases(parameters: NDArray, support_depth_m: float, eye_m: NDArray) -> NDArray[np.intp]:
-    """Vertex pairs, shape (c, 2), of a box's edges between two faces that the eye sees."""
-    body = to_body("box", parameters, support_depth_m)
-    eye = (eye_m - body.centre) @ body.rotation
-    seen = _BOX_FACES @ eye > np.abs(_BOX_FACES) @ body.half_size
-    on_face = (BOX_CORNERS @ _BOX_FACES.T) > 0.5  # (8, 6)
-    faces_of_edge = on_face[_BOX_EDGES[:, 0]] & on_face[_BOX_EDGES[:, 1]]
-    return _BOX_EDGES[(faces_of_edge & seen).sum(axis=1) == 2]
-
-
-def sizes(shape: Shape, parameters: NDArray) -> NDArray[np.float64]:
+def sizes(form: int, parameters: NDArray) -> NDArray[np.float64]:
     """Size (3,) [m] as in ``visualization_msgs/Marker``."""
     p = parameters
-    if shape == "sphere":
+    if form == SPHERE:
         return np.full(3, 2.0 * p[2])
-    if shape == "cylinder":
-        return np.array([2.0 * p[3], 2.0 * p[3], p[4]])
-    return np.array(p[3:6])
+    if form == POST:
+        return np.array([2.0 * p[2], 2.0 * p[2], p[3]])
+    if form == BOX:
+        return np.array(p[3:6])
+    return np.array([2.0 * p[3], 2.0 * p[3], p[4]])
 
 
-def to_body(shape: Shape, parameters: NDArray, support_depth_m: float) -> Body:
-    """The primitive as a body for ray casting. A cylinder's body z is its axis."""
-    p, size = parameters, sizes(shape, parameters)
-    height = size[2] if shape == "box" else size[0]
-    rotation = np.eye(3)
-    if shape != "sphere":
-        c, s = math.cos(p[YAW_INDEX]), math.sin(p[YAW_INDEX])
-        rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    if shape == "cylinder":
-        rotation = rotation @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-    return Body(shape, 0.5 * size, np.array([p[0], p[1], support_depth_m - 0.5 * height]), rotation)
+def size_sigmas(form: int, sigma: NDArray) -> NDArray[np.float64]:
+    """Standard deviation (3,) [m] of :func:`sizes`, from those of the parameters."""
+    return sizes(form, sigma)
 
 
-def canonical(shape: Shape, parameters: NDArray) -> NDArray[np.float64]:
+def height(form: int, parameters: NDArray) -> float:
+    """Vertical extent [m]."""
+    size = sizes(form, parameters)
+    return float(size[2] if form in (BOX, POST) else size[0])
+
+
+class Placed(NamedTuple):
+    """Where a primitive's Marker stands: centre (3,) [m], orientation (4,)."""
+
+    centre: NDArray[np.float64]
+    orientation_xyzw: NDArray[np.float64]
+
+
+def place(form: int, parameters: NDArray, support_depth_m: float) -> Placed:
+    """Centre and orientation in the convention of ``visualization_msgs/Marker``: a cylinder's z is its axis."""
+    p = parameters
+    rotation = Rotation.identity()
+    if lies(form):
+        rotation = Rotation.from_euler("z", p[YAW_INDEX])
+    if form in (ROD, CAPSULE):
+        rotation = rotation * Rotation.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    centre = np.array([p[0], p[1], support_depth_m - 0.5 * height(form, p)])
+    return Placed(centre, rotation.as_quat())
+
+
+def canonical(form: int, parameters: NDArray) -> NDArray[np.float64]:
     """The same primitive with length >= width and yaw in (-90, 90] deg."""
     p = np.array(parameters, dtype=float)
-    if shape == "sphere":
+    if not lies(form):
         return p
-    if shape == "box" and p[3] > p[4]:
+    if form == BOX and p[3] > p[4]:
         p[3], p[4] = p[4], p[3]
         p[YAW_INDEX] += 0.5 * math.pi
     p[YAW_INDEX] = 0.5 * math.pi - (0.5 * math.pi - p[YAW_INDEX]) % math.pi
     return p
 
 
-@dataclass(frozen=True)
-class Footprint:
-    """A rectangle on the support plane: what a silhouette would be if it were flat. Lengths [m], yaw as above."""
-
-    x: float
-    y: float
-    yaw: float
-    width: float
-    length: float
-
-
 def first_guesses(
-    shape: Shape, footprint: Footprint, rays: NDArray, support_depth_m: float, eye_m: NDArray
-) -> list[NDArray[np.float64]]:
-    """Parameters to start a fit from, given the silhouette's footprint and the rays (n, 3) through its contour."""
-    if shape == "sphere":
-        return [_sphere_from_cone(rays, support_depth_m, eye_m)]
-    depth = support_depth_m - eye_m[2]
-    flat = np.array([footprint.x, footprint.y])
+    rays: NDArray[np.float64], support_depth_m: float, eye_m: NDArray[np.float64]
+) -> list[tuple[int, NDArray[np.float64]]]:
+    """Forms and parameters to start fits from, given the rays (n, 3) through a silhouette's outline.
 
-    def raised(height: float) -> tuple[NDArray, float]:
-        # What lies ``height`` above the plane is nearer to the eye by this factor than its footprint says.
-        scale = (depth - height) / depth
-        return eye_m[:2] + (flat - eye_m[:2]) * scale, scale
-
-    if shape == "cylinder":
-        radius = 0.5 * footprint.width / (1.0 + 0.5 * footprint.width / depth)
-        centre, _ = raised(radius)
-        length = footprint.length * raised(2.0 * radius)[1]
-        return [np.array([*centre, footprint.yaw, radius, length])]
-    guesses = []
-    for fraction in (0.15, 0.4, 0.6):
-        centre, scale = raised(fraction * depth)
-        extents = (footprint.width * scale, footprint.length * scale)
-        guesses.append(np.array([*centre, footprint.yaw, *extents, fraction * depth]))
+    Where the rays meet the support they draw the shape P that the object covers. An upright prism of height h with the
+    base B covers B and its top seen against the support, which is B stretched by D / (D - h) about the foot of the
+    eye, at a height of D. So the largest base for a height is that part of P which lies in P shrunk by (D - h) / D.
+    """
+    guesses: list[tuple[int, NDArray[np.float64]]] = []
+    ball = _ball_from_cone(rays, support_depth_m, eye_m)
+    if ball is not None:
+        guesses.append((SPHERE, ball))
+    depth = support_depth_m - float(eye_m[2])
+    covered = (1e3 * depth * rays[:, :2] / rays[:, 2:]).astype(np.float32)  # OpenCV's tolerances suit millimetres
+    outline = cv2.convexHull(covered)[:, 0].astype(float)
+    if _area(outline) < 0.0:
+        outline = outline[::-1].copy()
+    rods: list[tuple[float, NDArray[np.float64]]] = []
+    for share in _HEIGHTS:
+        tall = share * min(depth, _TALL_M / _HEIGHTS[-1])
+        base = clipped(outline, (depth - tall) / depth * outline)
+        area = _area(base) if len(base) >= 3 else 0.0
+        if area < (1e3 * _LEAST_EXTENT_M) ** 2:
+            break
+        (x, y), (first, second), degrees = cv2.minAreaRect(base.astype(np.float32))
+        x, y, first, second, area = 1e-3 * x, 1e-3 * y, 1e-3 * first, 1e-3 * second, 1e-6 * area
+        yaw = math.radians(degrees)  # of the side ``first``
+        if first > second:
+            first, second, yaw = second, first, yaw + 0.5 * math.pi
+        if first < _LEAST_EXTENT_M:
+            break
+        x, y = x + eye_m[0], y + eye_m[1]
+        guesses.append((BOX, np.array([x, y, yaw, first, second, tall])))
+        radius = math.sqrt(area / math.pi)
+        if second < 1.8 * first:
+            guesses.append((POST, np.array([x, y, radius, tall])))
+        rods.append((abs(math.log(first / tall)), np.array([x, y, yaw, 0.25 * (first + tall), second])))
+    if rods:
+        rod = min(rods, key=lambda item: item[0])[1]
+        if rod[4] > 2.2 * rod[3]:
+            guesses += [(ROD, rod), (CAPSULE, rod.copy())]
     return guesses
 
 
-def _sphere_from_cone(rays: NDArray, support_depth_m: float, eye_m: NDArray) -> NDArray[np.float64]:
-    """Sphere on the plane from its cone of tangents: unit rays q on it satisfy q . axis = cos(half angle)."""
+def _area(polygon: NDArray[np.float64]) -> float:
+    x, y = polygon.T
+    return 0.5 * float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
+
+
+def _ball_from_cone(rays: NDArray, support_depth_m: float, eye_m: NDArray) -> NDArray[np.float64] | None:
+    """Ball on the plane from its cone of tangents: unit rays q on it satisfy q . axis = cos(half angle)."""
     scaled_axis = np.linalg.lstsq(rays, np.ones(len(rays)), rcond=None)[0]
     norm = float(np.linalg.norm(scaled_axis))
-    axis, cosine = scaled_axis / norm, min(1.0 / norm, 1.0)
+    if norm < 1.0:
+        return None
+    axis, cosine = scaled_axis / norm, 1.0 / norm
     sine = math.sqrt(1.0 - cosine**2)
+    if axis[2] + sine < 0.05:
+        return None
     distance = (support_depth_m - eye_m[2]) / (axis[2] + sine)
     centre = eye_m + distance * axis
     return np.array([centre[0], centre[1], distance * sine])
-
-
-def orientation_xyzw(body: Body) -> NDArray[np.float64]:
-    """Quaternion (4,) of the body's rotation."""
-    return Rotation.from_matrix(body.rotation).as_quat()

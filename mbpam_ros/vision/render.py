@@ -32,6 +32,11 @@ _VOID_LEVEL = 24.0  # rays that meet nothing
 _NEAR_M = 0.003  # parts of a finger nearer to the image plane are outside any sensible field of view
 _WAVE_LENGTH_M = 0.00714  # the muscle's bellows, drawn as stripes
 _STRIPE = 0.10
+_DEPTH_NOISE_M, _DEPTH_NOISE_PER_M = 0.0008, 0.004  # standard deviation: a + b z^2
+_DEPTH_STEP_M = 0.001
+_DEPTH_JUMP_M = 0.012  # a step between neighbours to which a stereo matcher has no answer
+_DEPTH_HOLES = 40
+_DEPTH_REACH_M = 2.0
 _SAG_M = 5e-4  # centrelines are drawn as chords with no more sag than this
 
 
@@ -146,6 +151,42 @@ class Renderer:
 
     def render(self, view: SceneView, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
         """Draw ``view``: (H, W, 3) rgb8. Noise is added if ``rng`` is given; same seed, same bits."""
+        image, _ = self._draw(view)
+        if self._blur_sigma_px > 0.0:
+            image = cv2.GaussianBlur(image, (5, 5), self._blur_sigma_px).astype(np.float32, copy=False)
+        if rng is not None:
+            levels, start = image.reshape(-1), int(rng.integers(self._noise.size))
+            levels[start:] += self._noise[: self._noise.size - start]
+            levels[:start] += self._noise[self._noise.size - start :]
+        return cv2.convertScaleAbs(np.maximum(image, 0.0, out=image)).astype(np.uint8, copy=False)
+
+    def render_depth(self, view: SceneView, rng: np.random.Generator | None = None) -> NDArray[np.float32]:
+        """Draw the depth of ``view``: (H, W) float32 [m] along the optical axis; NaN where there is no answer.
+
+        With ``rng`` as a consumer sensor gives it: noise that hangs together over some pixels and grows with the
+        square of the depth, whole millimetres, no answer at jumps and at random patches.
+        """
+        _, distance = self._draw(view)
+        forward = self.camera.rotation[:, 2].astype(np.float32)
+        depth = distance * np.tensordot(forward, self._rays, axes=1)
+        depth[~np.isfinite(depth)] = np.nan
+        if rng is None:
+            return depth.astype(np.float32)
+        solid = np.nan_to_num(depth, nan=_DEPTH_REACH_M)
+        jump = cv2.morphologyEx(solid, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > _DEPTH_JUMP_M
+        start = int(rng.integers(self._noise.size - depth.size))
+        noise = np.array(cv2.GaussianBlur(self._noise[start : start + depth.size].reshape(depth.shape), (0, 0), 1.2))
+        noise *= (_DEPTH_NOISE_M + _DEPTH_NOISE_PER_M * solid**2) / max(float(noise.std()), 1e-9)
+        depth = _DEPTH_STEP_M * np.round((depth + noise) / _DEPTH_STEP_M)
+        holes = np.zeros(depth.shape, np.uint8)
+        patches = rng.random((_DEPTH_HOLES, 2)) * depth.shape
+        for v, u in patches.astype(int):
+            cv2.circle(holes, (int(u), int(v)), 3, 1, -1)
+        depth[jump | (holes != 0) | (solid >= _DEPTH_REACH_M)] = np.nan
+        return depth.astype(np.float32)
+
+    def _draw(self, view: SceneView) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Image and distance along the rays, without blur and noise."""
         image, distance = self._draw_background(view)
         image, distance = image.copy(), distance.copy()
         for solid in view.solids:
@@ -155,13 +196,7 @@ class Renderer:
         if view.finger_centrelines_m is not None:
             for line in np.asarray(view.finger_centrelines_m, dtype=float):
                 self._draw_finger(image, distance, line, view)
-        if self._blur_sigma_px > 0.0:
-            image = cv2.GaussianBlur(image, (5, 5), self._blur_sigma_px).astype(np.float32, copy=False)
-        if rng is not None:
-            levels, start = image.reshape(-1), int(rng.integers(self._noise.size))
-            levels[start:] += self._noise[: self._noise.size - start]
-            levels[:start] += self._noise[self._noise.size - start :]
-        return cv2.convertScaleAbs(np.maximum(image, 0.0, out=image)).astype(np.uint8, copy=False)
+        return image, distance
 
     # -- background ---------------------------------------------------------------------------------------------
 

@@ -1,8 +1,9 @@
 """Which pixels are neither table, shadow nor finger, and which of them may belong to one object.
 
-The table's colour is learnt from each image: a smooth surface is fitted to what surrounds the scene, then to all
-that looks alike. A pixel is foreground if its hue differs from the table's, if it is brighter, or if it is darker
-than any shadow. No object's colour and no table's colour is assumed.
+What a table looks like is learnt from each image, from what lies along its border: the histogram of its colours after
+the lamps' slow fall of brightness is taken out. So a table may have several colours, and a pattern. A pixel is
+foreground if the table has no such colour; whether the table has it darker, as in a shadow, is told apart. A region
+is also foreground if it is smooth where the table is not.
 """
 
 from __future__ import annotations
@@ -16,168 +17,303 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.configuration import require_positive
+from mbpam_ros.vision.background import Masks
 
-_RING_FRACTION = 0.05  # width of the frame along the image's border that is first taken for table
-_SAMPLE_STRIDE = 5
-_GRID = 8
-_INLIER_LEVELS = (40.0, 12.0, 12.0, 12.0)  # successive fits: first to the border alone, then to all that looks alike
-_DEGREES = (2, 2, 4, 4)
-_HUE_BINS = 32
+_RING = 0.08
+"""Width of the frame along the image's border that is taken for table, as a share of the image."""
+_SAMPLE = 13
+_SECTORS, _LEAST_SECTOR_SHARE = 32, 0.35
+_LEVEL_BINS, _HUE_BINS = 40, 28
+_LEVEL_SPAN, _HUE_SPAN = (-2.2, 1.2), (-1.0, 1.0)
+_OFFSET = 6.0
+_SMOOTH = (9, 9)
+_TEXTURE = (9, 9)
+_HUE_BIN_COUNT = 32
 _HUE_BIN_SHARE = 0.01
 _CLUSTER_SHARE = 0.08
 
 
 @dataclass(frozen=True)
 class SegmentationConfig:
-    """Thresholds, all in 8 bit levels or ratios, so that they hold for any table.
+    """Thresholds of the foreground, as shares, so that they hold for any table.
 
     Args:
-        hue_levels: distance from the table's hue (at equal brightness) that makes a pixel foreground.
-        brighter_levels: how much brighter than the table a pixel must be.
+        rarity: a colour that fewer than this share of the table's pixels have is none of the table's.
+        majority: share of the pixels about a place that must have such a colour.
         shadow_ratio: darker than this share of the table's brightness is no shadow.
-        noise_sigmas: the two thresholds in levels are at least this many standard deviations of the image's noise.
         min_area_px: smaller patches are dropped [px of the full image].
     """
 
-    hue_levels: float
-    brighter_levels: float
+    rarity: float
+    majority: float
     shadow_ratio: float
-    noise_sigmas: float
     min_area_px: float
 
     def __post_init__(self) -> None:
-        require_positive(self, "hue_levels", "brighter_levels", "shadow_ratio", "noise_sigmas", "min_area_px")
-        if self.shadow_ratio >= 1.0:
-            raise ValueError(f"shadow_ratio must be less than 1, found {self.shadow_ratio:g}")
-
-
-def table_surface(image: NDArray[np.float32], known: NDArray[np.bool_]) -> tuple[NDArray[np.float32], float]:
-    """The table's colour in every pixel, and the noise about it.
-
-    Args:
-        image: (h, w, c) levels.
-        known: (h, w), pixels that no finger covers.
-
-    Returns:
-        (h, w, c) levels of the table as if nothing stood on it, and the standard deviation of the noise [levels].
-    """
-    height, width, channels = image.shape
-    sample, border, terms, orders, grid, maps = _surface_basis(height, width)
-    pixels, usable = image[sample].reshape(-1, channels), known[sample].ravel()
-    border = border & usable
-    if border.sum() < 4 * terms.shape[1]:
-        border = usable
-    if border.sum() < 4 * terms.shape[1]:
-        return np.zeros_like(image), 0.0
-    coefficients = np.zeros((terms.shape[1], channels), dtype=np.float32)
-    coefficients[0] = np.median(pixels[border], axis=0)
-    noise = 0.0
-    for candidates, limit, degree in zip((border, usable, usable, usable), _INLIER_LEVELS, _DEGREES, strict=True):
-        residual = np.abs(pixels - terms @ coefficients).max(axis=1)
-        inliers = candidates & (residual < limit)
-        columns = orders <= degree
-        if inliers.sum() < 4 * columns.sum():
-            break
-        basis, levels = terms[inliers][:, columns], pixels[inliers]
-        coefficients[:] = 0.0
-        ridge = 1e-6 * len(basis) * np.eye(basis.shape[1], dtype=np.float32)
-        coefficients[columns] = np.linalg.solve(basis.T @ basis + ridge, basis.T @ levels)
-        noise = 1.4826 * float(np.median(np.abs(levels - basis @ coefficients[columns])))
-    small = (grid @ coefficients).reshape(-(-height // _GRID), -(-width // _GRID), channels)
-    u, v = maps
-    return cv2.remap(small, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(image.shape), noise
+        require_positive(self, "rarity", "majority", "shadow_ratio", "min_area_px")
+        if max(self.rarity, self.majority, self.shadow_ratio) >= 1.0:
+            raise ValueError("rarity, majority and shadow_ratio must be less than 1")
 
 
 @lru_cache(maxsize=4)
-def _surface_basis(height: int, width: int) -> tuple[Any, ...]:
-    """What :func:`table_surface` needs of an image size.
-
-    Sampled pixels, which of them lie on the border, the polynomial's terms there and their degrees, its terms on a
-    coarse grid, and the maps from grid to pixels.
-    """
+def _geometry(height: int, width: int) -> tuple[Any, ...]:
+    """The ring of pixels along the border, each pixel's sector about the middle, and the terms of a slow fall-off."""
     v, u = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
-    ring_rows, ring_columns = max(int(_RING_FRACTION * height), 1), max(int(_RING_FRACTION * width), 1)
-    ring = np.ones((height, width), dtype=bool)
-    ring[ring_rows:-ring_rows, ring_columns:-ring_columns] = False
-    sample = np.s_[::_SAMPLE_STRIDE, ::_SAMPLE_STRIDE]
-    powers = sorted(((i, j) for i in range(5) for j in range(5 - i)), key=sum)
-
-    def terms(every: tuple[slice, slice]) -> NDArray[np.float32]:
-        return np.stack([u[every].ravel() ** i * v[every].ravel() ** j for i, j in powers], axis=1)
-
-    columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-    grid = terms(np.s_[::_GRID, ::_GRID])
-    orders = np.array([i + j for i, j in powers])
-    return sample, ring[sample].ravel(), terms(sample), orders, grid, (columns / _GRID, rows / _GRID)
+    ring = (np.abs(u) > 1.0 - 2.0 * _RING) | (np.abs(v) > 1.0 - 2.0 * _RING)
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    sectors = ((np.arctan2(v, u) / (2.0 * np.pi) + 0.5) * _SECTORS).astype(int) % _SECTORS
+    return ring, sectors, terms
 
 
-def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.einsum("ijk,ijk->ij", a, b)
+def foreground(image: NDArray[np.uint8], known: NDArray[np.bool_], config: SegmentationConfig) -> Masks:
+    """What of an image, (h, w, c) uint8 levels, is not table.
+
+    Args:
+        image: levels.
+        known: (h, w), pixels that no finger hides.
+    """
+    height, width, channels = image.shape
+    ring, sectors, terms = _geometry(height, width)
+    logs = _log_table()[image]
+    level = np.asarray(
+        logs[..., 0] if channels == 1 else cv2.transform(logs, np.full((1, 3), 1.0 / 3.0, np.float32)), np.float32
+    )
+    frame = ring & known
+    if frame.sum() < 200:
+        frame = known
+    if frame.sum() < 200:
+        nothing = np.zeros((height, width), bool)
+        return Masks(nothing, nothing)
+    level = level - _falloff(level, frame, known, terms)
+    hues = (logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]) if channels == 3 else (0.0 * level, 0.0 * level)
+    index = _binned(level, *_LEVEL_SPAN, _LEVEL_BINS)
+    index = (index * _HUE_BINS + _binned(hues[0], *_HUE_SPAN, _HUE_BINS)) * _HUE_BINS
+    index += _binned(hues[1], *_HUE_SPAN, _HUE_BINS)
+    # An object that reaches into the frame has its colours in one place, the table has them all around.
+    bins = _LEVEL_BINS * _HUE_BINS**2
+    places = np.zeros((bins, _SECTORS), bool)
+    places[index[frame], sectors[frame]] = True
+    least = max(_LEAST_SECTOR_SHARE * float(np.count_nonzero(places.any(axis=0))), 3.0)
+    everywhere = np.count_nonzero(places, axis=1) >= least
+    histogram = np.bincount(index[frame], minlength=bins) * everywhere
+    histogram = histogram.astype(np.float32)
+    histogram = _blurred(histogram.reshape(_LEVEL_BINS, _HUE_BINS, _HUE_BINS)) / float(frame.sum())
+    shadowed = _with_shadows(histogram, config.shadow_ratio)
+    strange = (histogram < config.rarity).ravel()[index].astype(np.float32)
+    stranger = (shadowed < config.rarity).ravel()[index].astype(np.float32)
+    masks = []
+    for votes in (stranger, strange):
+        share = cv2.blur(votes * known, _SMOOTH) / np.maximum(cv2.blur(known.astype(np.float32), _SMOOTH), 0.05)
+        masks.append((share > config.majority) & known)
+    smooth = _smooth_where_table_is_not(level.astype(np.float32), frame, known)
+    sure = masks[0] | (smooth & masks[1])
+    return Masks(_cleaned(sure), _cleaned(masks[1] | sure))
 
 
-def foreground(image: NDArray[np.float32], known: NDArray[np.bool_], config: SegmentationConfig) -> NDArray[np.bool_]:
-    """Pixels, (h, w), that are neither table nor shadow nor unknown. ``image`` is (h, w, c) levels."""
-    table, noise = table_surface(image, known)
-    table = np.maximum(table, 1.0)
-    channels = image.shape[2]
-    table_sq = _dot(table, table)
-    ratio = _dot(image, table) / table_sq
-    brightness = np.sqrt(table_sq / channels)
-    floor = config.noise_sigmas * noise
-    result = (ratio - 1.0) * brightness > max(config.brighter_levels, floor)
-    darker = (ratio < config.shadow_ratio) & ((1.0 - ratio) * brightness > max(config.brighter_levels, floor))
-    result |= darker
-    if channels > 1:
-        off_hue = image - ratio[..., None] * table
-        result |= _dot(off_hue, off_hue) > channels * max(config.hue_levels, floor) ** 2
-    result &= known
-    cleaned = cv2.morphologyEx(result.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    return cleaned.astype(bool)
+@lru_cache(maxsize=1)
+def _log_table() -> NDArray[np.float32]:
+    return np.log(np.arange(256) + _OFFSET).astype(np.float32)
 
 
-def connected_regions(mask: NDArray[np.bool_], min_area: float) -> list[NDArray[np.bool_]]:
-    """The connected parts of ``mask`` with at least ``min_area`` pixels, largest first, holes filled."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
-    order = sorted(range(1, count), key=lambda i: -stats[i, cv2.CC_STAT_AREA])
-    return [labels == i for i in order if stats[i, cv2.CC_STAT_AREA] >= min_area]
+def _falloff(
+    level: NDArray[np.float32], frame: NDArray[np.bool_], known: NDArray[np.bool_], terms: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """The slow part of the table's brightness: a quadric through the frame's pixels, then all that are near it."""
+    coefficients = np.zeros(terms.shape[-1], np.float32)
+    scale = 0.0
+    for where in (frame, frame, known, known):
+        picked = np.flatnonzero(where)[:: _SAMPLE if where is frame else 5 * _SAMPLE]
+        values, basis = level.ravel()[picked], terms.reshape(-1, terms.shape[-1])[picked]
+        rest = values - basis @ coefficients
+        if scale > 0.0:
+            weights = (1.0 / (1.0 + (rest / (2.0 * scale)) ** 2)).astype(np.float32)
+        else:
+            weights = np.ones_like(values)
+        left = basis.T * weights
+        normal = left @ basis + 1e-3 * len(values) * np.eye(terms.shape[-1], dtype=np.float32)
+        coefficients = np.linalg.solve(normal, left @ values).astype(np.float32)
+        scale = max(1.4826 * float(np.median(np.abs(values - basis @ coefficients))), 0.02)
+    return (terms @ coefficients).astype(np.float32)
 
 
-def split_by_hue(image: NDArray[np.float32], region: NDArray[np.bool_], min_area: float) -> list[NDArray[np.bool_]]:
+def _binned(values: NDArray, low: float, high: float, count: int) -> NDArray[np.int32]:
+    scaled = (values - low) * (count / (high - low))
+    return np.clip(scaled, 0, count - 1).astype(np.int32)
+
+
+def _blurred(histogram: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Spread over the neighbouring bins, as noise and the blur between two colours do."""
+    for axis in range(3):
+        padded = np.pad(histogram, [(1, 1) if i == axis else (0, 0) for i in range(3)])
+        parts = [np.take(padded, np.arange(k, k + histogram.shape[axis]), axis=axis) for k in range(3)]
+        histogram = 0.25 * parts[0] + 0.5 * parts[1] + 0.25 * parts[2]
+    return histogram
+
+
+def _with_shadows(histogram: NDArray[np.float32], ratio: float) -> NDArray[np.float32]:
+    """Each bin holds the most of its own and of those brighter ones whose shadow it may be."""
+    steps = int(np.ceil(-np.log(ratio) * _LEVEL_BINS / (_LEVEL_SPAN[1] - _LEVEL_SPAN[0])))
+    result = histogram.copy()
+    for k in range(1, steps + 1):
+        np.maximum(result[:-k], histogram[k:], out=result[:-k])
+    return result
+
+
+def _smooth_where_table_is_not(
+    level: NDArray[np.float32], frame: NDArray[np.bool_], known: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Where the texture is far weaker than anywhere on the table; nowhere if the table itself is smooth."""
+    mean, square = cv2.blur(level, _TEXTURE), cv2.blur(level * level, _TEXTURE)
+    texture = np.sqrt(np.maximum(square - mean * mean, 0.0))
+    least = float(np.quantile(texture[frame][::_SAMPLE], 0.03))
+    if least < 0.035:
+        return np.zeros(level.shape, bool)
+    smooth = (texture < 0.6 * least) & known
+    return cv2.dilate(smooth.astype(np.uint8), np.ones((7, 7), np.uint8)).astype(bool)
+
+
+def _cleaned(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    kernel = np.ones((3, 3), np.uint8)
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel).astype(bool)
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Pixels that may be one object.
+
+    Args:
+        top, left: of the window in the image.
+        mask: (h, w) bool, in the window, with a margin of :data:`MARGIN` pixels where the image has them.
+    """
+
+    top: int
+    left: int
+    mask: NDArray[np.bool_]
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the image."""
+        height, width = self.mask.shape
+        return slice(self.top, self.top + height), slice(self.left, self.left + width)
+
+    @property
+    def area(self) -> int:
+        """Pixels."""
+        return int(np.count_nonzero(self.mask))
+
+    def shared(self, other: Region) -> int:
+        """Pixels that both have."""
+        (a, b), (c, d) = self.window, other.window
+        rows = slice(max(a.start, c.start), min(a.stop, c.stop))
+        columns = slice(max(b.start, d.start), min(b.stop, d.stop))
+        if rows.start >= rows.stop or columns.start >= columns.stop:
+            return 0
+        return int(np.count_nonzero(self._part(rows, columns) & other._part(rows, columns)))
+
+    def _part(self, rows: slice, columns: slice) -> NDArray[np.bool_]:
+        return self.mask[
+            rows.start - self.top : rows.stop - self.top, columns.start - self.left : columns.stop - self.left
+        ]
+
+    def of(self, mask: NDArray[np.bool_]) -> Region:
+        """Another mask in the same window."""
+        return Region(self.top, self.left, mask)
+
+
+MARGIN = 12
+_MOST_REGIONS = 24
+
+
+def connected_regions(mask: NDArray[np.bool_], min_area: float) -> list[Region]:
+    """The connected parts of ``mask``, (h, w), with at least ``min_area`` pixels, largest first."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=4)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    order = np.argsort(-areas, kind="stable")[: int((areas >= min_area).sum())]
+    regions = []
+    for i in order[:_MOST_REGIONS] + 1:
+        x, y, width, height = stats[i, :4]
+        top, left = max(y - MARGIN, 0), max(x - MARGIN, 0)
+        window = labels[top : y + height + MARGIN, left : x + width + MARGIN]
+        regions.append(Region(int(top), int(left), window == i))
+    return regions
+
+
+def union(regions: list[Region]) -> Region:
+    """The pixels of several regions of one image."""
+    top, left = min(r.top for r in regions), min(r.left for r in regions)
+    bottom = max(r.window[0].stop for r in regions)
+    right = max(r.window[1].stop for r in regions)
+    mask = np.zeros((bottom - top, right - left), bool)
+    for region in regions:
+        rows, columns = region.window
+        mask[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] |= region.mask
+    return Region(top, left, mask)
+
+
+def split_by_hue(image: NDArray, region: Region, min_area: float) -> list[Region]:
     """Parts of ``region`` that differ in hue, whatever their shading: an object and its stand, or two objects.
 
     The parts are the islands of the region's hue histogram. Grey images, and regions of one hue, have none.
     """
     if image.shape[2] < 3:
         return []
-    pixels = image[region]
+    pixels = image[region.window][region.mask].astype(np.float32)
     share = pixels[:, :2] / np.maximum(pixels.sum(axis=1, keepdims=True), 1.0)
-    bins = np.minimum((share * _HUE_BINS).astype(int), _HUE_BINS - 1)
-    histogram = np.zeros((_HUE_BINS, _HUE_BINS))
-    np.add.at(histogram, (bins[:, 0], bins[:, 1]), 1.0)
-    islands = (histogram > _HUE_BIN_SHARE * len(pixels)).astype(np.uint8)
+    bins = np.minimum((share * _HUE_BIN_COUNT).astype(int), _HUE_BIN_COUNT - 1)
+    histogram = np.bincount(bins[:, 0] * _HUE_BIN_COUNT + bins[:, 1], minlength=_HUE_BIN_COUNT**2)
+    islands = (histogram.reshape(_HUE_BIN_COUNT, -1) > _HUE_BIN_SHARE * len(pixels)).astype(np.uint8)
     count, labels = cv2.connectedComponents(islands, connectivity=8)
     if count <= 2:
         return []
     parts = []
-    for island in range(1, count):
-        part = np.zeros_like(region)
-        part[region] = labels[bins[:, 0], bins[:, 1]] == island
-        part = cv2.morphologyEx(part.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).astype(bool)
-        parts += [p for p in connected_regions(part, max(min_area, _CLUSTER_SHARE * len(pixels)))]
-    return parts
+    for island in range(1, min(count, _MOST_PARTS + 1)):
+        part = np.zeros_like(region.mask)
+        part[region.mask] = labels[bins[:, 0], bins[:, 1]] == island
+        parts += _within(region, _cleaned(part), max(min_area, _CLUSTER_SHARE * len(pixels)))
+    return parts[:_MOST_PARTS]
 
 
-def split_by_edges(image: NDArray[np.float32], region: NDArray[np.bool_], min_area: float) -> list[NDArray[np.bool_]]:
+def split_by_edges(image: NDArray, region: Region, min_area: float) -> list[Region]:
     """Smooth patches of ``region``: parts between which brightness or colour jumps. None if it is one patch."""
-    gradient = np.zeros(region.shape, dtype=np.float32)
-    for channel in cv2.split(image):
+    gradient = np.zeros(region.mask.shape, dtype=np.float32)
+    for channel in cv2.split(image[region.window].astype(np.float32)):
         gx, gy = cv2.Sobel(channel, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(channel, cv2.CV_32F, 0, 1, scale=0.125)
         np.maximum(gradient, cv2.magnitude(gx, gy), out=gradient)
-    inner = cv2.erode(region.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
+    inner = cv2.erode(region.mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
     typical = float(np.median(gradient[inner])) if inner.any() else 0.0
-    smooth = region & (gradient < max(6.0, 4.0 * typical))
-    patches = connected_regions(smooth, max(min_area, _CLUSTER_SHARE * float(region.sum())))
-    if len(patches) < 2:
+    return _grown(region, region.mask & (gradient < max(6.0, 4.0 * typical)), min_area)
+
+
+def split_by_depth(points_m: NDArray, region: Region, min_area: float) -> list[Region]:
+    """Parts of ``region`` between which the height above the table jumps. None if it is one."""
+    height = points_m[region.window][..., 2]
+    known = region.mask & np.isfinite(height)
+    high = cv2.dilate(np.where(known, height, -9.0).astype(np.float32), np.ones((3, 3), np.uint8))
+    low = cv2.erode(np.where(known, height, 9.0).astype(np.float32), np.ones((3, 3), np.uint8))
+    return _grown(region, known & (high - low < _JUMP_M), min_area)
+
+
+_JUMP_M = 0.012
+_MOST_PARTS = 6
+
+
+def _grown(region: Region, whole: NDArray[np.bool_], min_area: float) -> list[Region]:
+    """The connected parts of a mask of the region, a pixel wider each; none if there is one."""
+    parts = _within(region, whole, max(min_area, _CLUSTER_SHARE * region.area))
+    if len(parts) < 2:
         return []
-    grown = (cv2.dilate(patch.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool) & region for patch in patches)
-    return list(grown)
+    kernel = np.ones((3, 3), np.uint8)
+    grown = []
+    for part in parts[:_MOST_PARTS]:
+        inside = Region(part.top - region.top, part.left - region.left, part.mask)
+        wider = cv2.dilate(part.mask.astype(np.uint8), kernel).astype(bool)
+        grown.append(Region(part.top, part.left, wider & region.mask[inside.window]))
+    return grown
+
+
+def _within(region: Region, mask: NDArray[np.bool_], min_area: float) -> list[Region]:
+    """The connected parts of a mask of the region's window, as regions of the image."""
+    return [
+        Region(part.top + region.top, part.left + region.left, part.mask)
+        for part in connected_regions(np.ascontiguousarray(mask), min_area)
+    ]

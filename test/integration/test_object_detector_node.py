@@ -3,6 +3,7 @@
 import array
 import functools
 import math
+import threading
 
 import cv2
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.gripper import load_gripper
@@ -28,8 +30,18 @@ INTRINSICS = camera_intrinsics(CAMERA)
 
 
 @functools.cache
+def depth_of(scene_name):
+    """The depth image of :func:`photograph`, 32FC1."""
+    return Renderer.from_config(CAMERA).render_depth(view_of(scene_name), np.random.default_rng(0))
+
+
+@functools.cache
 def photograph(scene_name, offset_m=(0.0, 0.0)):
     """An rgb8 image of a scene with the fingers hanging, its object moved sideways by ``offset_m``."""
+    return Renderer.from_config(CAMERA).render(view_of(scene_name, offset_m), np.random.default_rng(0))
+
+
+def view_of(scene_name, offset_m=(0.0, 0.0)):
     scene, _ = load_scene(scene_name)
     support = scene.support
     base = load_gripper().finger_base_m
@@ -43,13 +55,12 @@ def photograph(scene_name, offset_m=(0.0, 0.0)):
             "support_half_size_m": support.half_size_m,
             "floor_depth_m": support.depth_m + support.stand_height_m,
         }
-    view = SceneView(
+    return SceneView(
         support_depth_m=support.depth_m if support else 0.115,
         solids=solids,
         finger_centrelines_m=np.stack([base, base + (0.0, 0.0, load_gripper().geometry.length_m)], axis=1),
         **stand,
     )
-    return Renderer.from_config(CAMERA).render(view, np.random.default_rng(0))
 
 
 def image(pixels, encoding="rgb8", padding=0):
@@ -328,3 +339,92 @@ def test_the_health_report_warns_when_images_stop(graph):
     camera.node.publish_health()
     graph.spin_until(lambda: camera.reports[-1].status[0].level == DiagnosticStatus.WARN, "the warning")
     assert "camera/image_raw" in camera.reports[-1].status[0].message
+
+
+def depth_image(scene_name, millimetres=False):
+    metres = depth_of(scene_name)
+    pixels = np.nan_to_num(1e3 * metres).astype(np.uint16) if millimetres else metres
+    height, width = pixels.shape
+    message = Image(height=height, width=width, encoding="16UC1" if millimetres else "32FC1")
+    message.step = pixels.itemsize * width
+    message.data = array.array("B", pixels.tobytes())
+    return message
+
+
+@pytest.mark.parametrize("millimetres", [False, True])
+def test_a_depth_image_is_used_where_there_is_one(graph, millimetres):
+    camera = Camera(graph)
+    depths = graph.publisher(Image, "camera/depth/image_raw")
+    infos = graph.publisher(CameraInfo, "camera/depth/camera_info")
+    infos.publish(camera_info())
+    message = depth_image("bulb", millimetres)
+    graph.set_time(camera.time_s + 0.25)  # that of the image which follows
+    depths.publish(message)
+    graph.spin_until(lambda: camera.node._depth is not None, "the depth image")
+    (found,) = camera.show(image(photograph("bulb")))
+    assert math.isclose(found.scale.x, 0.060, abs_tol=WITHIN_M)
+    health = camera.node.health()
+    assert health.values["source"] == "depth" and float(health.values["camera_tilt_deg"]) < 1.0
+
+
+def test_a_depth_image_that_is_none_is_refused(graph):
+    camera = Camera(graph)
+    depths = graph.publisher(Image, "camera/depth/image_raw")
+    wrong = depth_image("bulb")
+    wrong.encoding = "mono16"
+    camera.refuse(depths.publish, wrong)
+    assert "'mono16'" in camera.node.health().message
+
+
+def test_the_empty_table_is_learnt_by_a_service(graph):
+    camera = Camera(graph, background_frames=2)
+    assert graph.call(Trigger, "object_detector/learn_background").success
+    for _ in range(2):
+        camera.show(image(photograph("empty")))
+    (found,) = camera.show(image(photograph("bulb")))
+    assert camera.node.health().values["source"] == "background"
+    assert math.isclose(found.scale.x, 0.060, abs_tol=WITHIN_M)
+
+
+def test_of_a_rectified_stream_p_counts(graph):
+    camera = Camera(graph, informed=False, rectified=True)
+    p = np.column_stack([INTRINSICS.matrix, np.zeros(3)]).ravel()
+    camera.inform(camera_info(p=p, d=[0.3, -0.2, 0.0, 0.0, 0.1], distortion_model="plumb_bob"))
+    (found,) = camera.show(image(photograph("bulb")))
+    assert math.isclose(found.scale.x, 0.060, abs_tol=WITHIN_M)
+
+
+def test_a_region_of_the_image_is_placed_where_it_is(graph):
+    camera = Camera(graph, informed=False)
+    roi = RegionOfInterest(x_offset=100, y_offset=0, width=600, height=INTRINSICS.height_px)
+    camera.inform(camera_info(roi=roi))
+    (found,) = camera.show(image(np.ascontiguousarray(photograph("bulb")[:, 100:700])))
+    np.testing.assert_allclose((found.scale.x, found.pose.position.y), (0.060, 0.0), atol=WITHIN_M)
+
+
+def test_the_executor_goes_on_while_an_image_is_looked_at(graph):
+    """What carries the valves in bringup waits for no image, and images that come meanwhile are passed over."""
+    node = graph.add(ObjectDetectorNode, max_rate_hz=60.0)
+    detections, reports = graph.listen(MarkerArray, "detections"), graph.listen(DiagnosticArray, "/diagnostics")
+    infos, images = graph.publisher(CameraInfo, "camera/camera_info"), graph.publisher(Image, "camera/image_raw")
+    infos.publish(camera_info())
+    graph.spin_until(lambda: "no camera_info" not in node.health().message, "camera_info")
+    begun, go_on, looks = threading.Event(), threading.Event(), []
+    look = node._detector.look
+
+    def slow(*arguments):
+        looks.append(arguments)
+        begun.set()
+        assert go_on.wait(10.0)
+        return look(*arguments)
+
+    node._detector.look = slow
+    images.publish(image(photograph("bulb")))
+    graph.spin_until(begun.is_set, "the look")
+    seen = len(reports)
+    images.publish(image(photograph("empty")))
+    graph.spin_until(lambda: len(reports) >= seen + 2, "two more reports while it lasts")
+    assert not detections and len(looks) == 1
+    go_on.set()
+    graph.spin_until(lambda: detections, "detections")
+    assert len(detections[0].markers) == 2

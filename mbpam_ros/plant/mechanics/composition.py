@@ -50,8 +50,8 @@ class Composition:
         for part, values in zip(drive, whole, strict=True):
             part[:] = values[1] if answer == OK else values
         if answer != OK:
-            for part, values in zip(state, before, strict=True):
-                part[:] = values
+            for own, kept in zip(state, before, strict=True):
+                own[:] = kept
         return answer, iterations
 
     def _advance(self, whole: Drive, heights: Array, rates: Array) -> tuple[int, int]:

@@ -22,8 +22,7 @@ is less than the error of the step.
 
 Stability: elastic, damping and contact terms are implicit, so neither k, eta nor the contact stiffness limits the
 step; gravity and velocity terms are explicit and ask for h sqrt(g / l) < 1 and h |dq/dt| < 1, which 10 ms meet.
-Contact points, normals and friction loads are those at the start of the sub-step; it is this that sets the error in
-contact.
+Contact points and normals are those at the start of the sub-step; it is this that sets the error in contact.
 
 Sweeps go on from what the sub-step before saw at its midpoint, and the contact solution from where the change of the
 velocities before leads; both outlast a call, so that a span cut into calls ends as it does in one, to
@@ -43,17 +42,19 @@ from numpy.typing import NDArray
 
 from mbpam_ros.geometry import rotations, surfaces
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
-from mbpam_ros.plant.mechanics.contact_law import Contacts, contact_table
+from mbpam_ros.plant.mechanics.contact_law import Contacts, Grip, contact_table, no_grip, recall, remember
 from mbpam_ros.plant.mechanics.contact_search import (
+    PLATE_THICKNESS_M,
     Places,
     Surroundings,
     find_contacts,
     places,
 )
-from mbpam_ros.plant.mechanics.contact_solver import Scratch, scratch, solve_contacts, solve_in_place
-from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines
+from mbpam_ros.plant.mechanics.contact_solver import Scratch, find_islands, scratch, solve_contacts, solve_in_place
+from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines, near_ball, write_boxes
 from mbpam_ros.plant.mechanics.kernel import entry, kernel, piece
 from mbpam_ros.plant.mechanics.lanes import WIDTH, Lanes, Place, all_above, load, splat, store
+from mbpam_ros.plant.mechanics.outlook import Outlook
 from mbpam_ros.plant.mechanics.packed_arguments import Block, access, new_block
 from mbpam_ros.plant.mechanics.rod import (
     LARGEST_STRETCH,
@@ -67,8 +68,14 @@ from mbpam_ros.plant.mechanics.rod import (
 )
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross, dot, norm, plus, times, vector
 
-OK, NOT_FINITE, TOO_FAST, NOT_SOLVED, TOO_BENT, TOO_LONG = 0, 1, 2, 3, 4, 5
+OK, NOT_FINITE, TOO_FAST, NOT_SOLVED, TOO_BENT, TOO_LONG, TOO_DEEP = 0, 1, 2, 3, 4, 5, 6
 """What a step answers."""
+
+LOOKS = 5
+"""How often a step may be done again because something moved farther than what was looked for."""
+
+SEEN_LATE_M = 1e-4
+"""What may fall into something within a step before it is a contact."""
 
 SOLVED_M_S = 1e-4
 """What may be left of the contact equations."""
@@ -87,12 +94,22 @@ class State(NamedTuple):
         shape: coordinates q of the muscles [rad], shape (4 D,).
         velocity: their rates and, with an object, its linear and angular velocity, shape (4 D,) or (4 D + 6,).
         position, orientation: of the object, shapes (3,) and (4,).
+        held, slots, springs: what the springs of the contacts hold, the three of a
+            :class:`~mbpam_ros.plant.mechanics.contact_law.Grip`.
     """
 
     shape: Array
     velocity: Array
     position: Array
     orientation: Array
+    held: NDArray[np.int64]
+    slots: NDArray[np.int64]
+    springs: Array
+
+
+def new_state(contacts: Contacts, shape: Array, velocity: Array, position: Array, orientation: Array) -> State:
+    """Return the state of these arrays; contacts hold nothing yet."""
+    return State(shape, velocity, position, orientation, *no_grip(len(contacts.depth)))
 
 
 class Drive(NamedTuple):
@@ -211,24 +228,43 @@ def room_of(rod: Rod) -> Room:
     return Room(at, start, velocity, shape, rate, load, mass, a, b, drive, theta, room_for_loads(rod))
 
 
+_SEEN = ("shape", "rate", "load", "mass")
+"""What a room has that is another one at the start than in later sweeps."""
+
+
+class Midpoints(NamedTuple):
+    """What a call found known of the muscles' last midpoints: directors, loads and masses, and of which muscles."""
+
+    directors: Array
+    load: Array
+    mass: Array
+    known: NDArray[np.bool_]
+
+
 class Work(NamedTuple):
     """Room for a step, and what the next one goes on from.
 
     Args:
-        midpoint_known: whether ``motion`` and ``room`` are those at the last midpoint, shape (1,).
+        midpoint_known: of each muscle, whether ``motion`` and ``room`` are those at its last midpoint, shape (4,).
         ahead_known: whether ``ahead`` holds, shape (1,).
-        before: the state at the start of the call.
+        before, midpoints: the state at the start of the call, and what went with it.
         motion: where the last sweep saw the muscles.
+        touch_motion: where the search for contacts saw them: at the start.
         gain, ahead: of the velocities in the last sub-step, and in the next one if they go on as in the last two.
         a, b, start: of the equations a v = b, and the velocities before, shapes (n, n), (n,) and (n,).
         theta, rotation, middle, turn: of the bodies (5,) and of the object, (3, 3), (4,) and (3,).
+        rates: of the directors at the start, shape (4, N + 1, 3).
+        way: how far anything moved in the last sub-step at the most [m], shape (1,).
+        touch_room: of the muscles at the start.
         room, spots, room_of_lines, equations: of the muscles, the contact search and the contact solution.
     """
 
     midpoint_known: NDArray[np.bool_]
     ahead_known: NDArray[np.bool_]
     before: State
+    midpoints: Midpoints
     motion: Motion
+    touch_motion: Motion
     gain: Array
     ahead: Array
     a: Array
@@ -238,6 +274,9 @@ class Work(NamedTuple):
     rotation: Array
     middle: Array
     turn: Array
+    rates: Array
+    way: Array
+    touch_room: Room
     room: Room
     spots: Places
     room_of_lines: Lines
@@ -269,7 +308,7 @@ def new_drive(fingers: int) -> Drive:
 def assemble(state: State, system: System, contacts: Contacts) -> Parts:
     """Return the parts with room for the rest; nothing drives the muscles yet."""
     fingers, rod, size = len(system.bases), system.rod, len(state.velocity)
-    columns = coordinates_of(rod)
+    room, motion = room_of(rod), motion_at_rest(rod)
     return Parts(
         state,
         new_drive(fingers),
@@ -278,10 +317,12 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
         motion_at_rest(rod),
         Forces(np.zeros((fingers, 3)), np.zeros(3), np.zeros(3), np.zeros((fingers, 3))),
         Work(
-            midpoint_known=np.zeros(1, np.bool_),
+            midpoint_known=np.zeros(fingers, np.bool_),
             ahead_known=np.zeros(1, np.bool_),
-            before=State(*(part.copy() for part in state)),
-            motion=motion_at_rest(rod),
+            before=state._replace(**{name: part.copy() for name, part in state._asdict().items()}),
+            midpoints=Midpoints(motion.tangent.copy(), room.load.copy(), room.mass.copy(), np.zeros(fingers, np.bool_)),
+            motion=motion,
+            touch_motion=motion_at_rest(rod),
             gain=np.zeros(size),
             ahead=np.zeros(size),
             a=np.zeros((size, size)),
@@ -291,10 +332,13 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
             rotation=np.eye(3),
             middle=np.zeros(4),
             turn=np.zeros(3),
-            room=room_of(rod),
+            rates=np.zeros((fingers, len(rod.levers) + 1, 3)),
+            way=np.zeros(1),
+            touch_room=room._replace(**{part: np.zeros_like(getattr(room, part)) for part in _SEEN}),
+            room=room,
             spots=places(system.surroundings),
             room_of_lines=lines(rod, fingers),
-            equations=scratch(size, columns, fingers),
+            equations=scratch(size, fingers + 1, len(contacts.depth)),
         ),
     )
 
@@ -488,38 +532,31 @@ def _sum_forces(contacts: Contacts, forces: Forces) -> None:
 
 
 @kernel
-def _may_touch(around: Surroundings) -> bool:
-    """Whether there is anything but muscles that a muscle may reach, or an object that may touch something else."""
-    return around.shape >= 0 or around.table_in_reach
+def _farthest(state: State, start: Array, system: System, theta: Array, hand_velocity: float) -> float:
+    """Return how far two bodies may come nearer to each other in a sub-step, at the most [m].
 
-
-@kernel(inline="always")
-def _touch(state: State, system: System, lift: float, hand_velocity: float, work: Work, contacts: Contacts) -> bool:
-    """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
-    muscles, coordinates, theta, first = state.shape.shape[0], contacts.coordinates, work.theta, work.equations.first
-    write_rotation(state.orientation, work.rotation)
-    find_contacts(
-        system.bases, system.rod, work.motion, system.surroundings, state.position, work.rotation, lift, hand_velocity,
-        work.spots, work.room_of_lines, contacts,
-    )  # fmt: skip
-    touching: bool = contacts.count[0] > 0
-    for i in range(state.velocity.shape[0]):
-        first[i] = i // coordinates * coordinates if i < muscles else (0 if touching else muscles)
-    for c in range(contacts.count[0]):
-        theta[contacts.finger[c]] = 1.0  # -1, none: the object's, which is the last
-        if contacts.kind[c] == ContactKind.FINGER_FINGER:
-            other = contacts.other[c]
-            theta[other] = 1.0
-            for i in range(coordinates * other, coordinates * (other + 1)):
-                first[i] = min(first[i], coordinates * contacts.finger[c])
-        elif contacts.kind[c] != ContactKind.FINGER_SUPPORT:
-            theta[-1] = 1.0
-    return touching
+    No section of a muscle turns faster than the sum of its rates; an object's farthest point is in a corner.
+    """
+    muscles, fingers, fastest = state.shape.shape[0], theta.shape[0] - 1, 0.0
+    size, length = muscles // fingers, system.rod.farthest * system.rod.balls.shape[0]
+    for f in range(fingers):
+        rates = 0.0
+        for i in range(f * size, (f + 1) * size):
+            rates += abs((1.0 - theta[f]) * start[i] + theta[f] * state.velocity[i])
+        fastest = max(fastest, length * rates)
+    other = fastest
+    if state.velocity.shape[0] > muscles:
+        v, w, half = vector(state.velocity, muscles), vector(state.velocity, muscles + 3), system.surroundings.half
+        other = max(fastest, norm(v) + norm(w) * norm(vector(half, 0)))
+    return abs(system.step_s) * (fastest + other + abs(hand_velocity))
 
 
 @piece
-def _solve_muscles(room: Room, fingers: int, velocity: Array) -> tuple[bool, float]:
-    """Solve each muscle's equations, by L D L^T in place; return whether it could be, and the largest change."""
+def _solve_muscles(room: Room, island: NDArray[np.int64], velocity: Array) -> tuple[bool, float]:
+    """Solve each muscle's equations, by L D L^T in place, for those that touch nothing.
+
+    Returns whether it could be, and the largest change.
+    """
     a, b, size = room.a, room.b, room.b.shape[0]
     for i in range(size):
         pivot, right = load(a, (i, i)), load(b, (i,))
@@ -545,8 +582,8 @@ def _solve_muscles(room: Room, fingers: int, velocity: Array) -> tuple[bool, flo
         for k in range(i):
             store(b, (k,), load(b, (k,)) - load(a, (i, k)) * solved)
     changed = 0.0
-    for f in range(fingers):
-        for i in range(size):
+    for f in range(island.shape[0] - 1):
+        for i in range(size if island[f] < 0 else 0):
             n = f * size + i
             changed = max(changed, abs(b[i, f] - velocity[n]))
             velocity[n] = room.velocity[i, f] = b[i, f]
@@ -554,15 +591,111 @@ def _solve_muscles(room: Room, fingers: int, velocity: Array) -> tuple[bool, flo
 
 
 @kernel
-def _solve_object(a: Array, b: Array, first: NDArray[np.int64], muscles: int, velocity: Array) -> tuple[bool, float]:
-    """Solve the equations of an object in the air, which follow those of the muscles; return as for these."""
-    if not solve_in_place(a, b, first, muscles):
-        return False, 0.0
-    changed = 0.0
-    for i in range(muscles, velocity.shape[0]):
-        changed = max(changed, abs(b[i] - velocity[i]))
-        velocity[i] = b[i]
-    return True, changed
+def _near(parts: Parts, lift: float, gap: float) -> bool:
+    """Whether anything may touch: what is nearer than ``gap`` to where the last sweep saw the muscles may."""
+    system, work, around = parts.system, parts.work, parts.system.surroundings
+    if around.table_in_reach:
+        return True
+    if around.shape < 0 and not around.fingers_touch:
+        return False
+    for f in range(work.midpoint_known.shape[0]):
+        if not work.midpoint_known[f]:
+            return True
+    write_boxes(system.bases, system.rod, work.motion, 0.5 * gap, work.room_of_lines)
+    if around.fingers_touch and fingers_near(work.room_of_lines):
+        return True
+    x, y, z = vector(parts.state.position, 0)
+    radius = norm(vector(around.half, 0)) + 0.5 * gap
+    return around.shape >= 0 and near_ball(work.room_of_lines, (x, y, z + lift), radius)
+
+
+@kernel
+def _let_go(island: NDArray[np.int64], theta: Array, contacts: Contacts) -> None:
+    """Let nothing touch."""
+    for body in range(island.shape[0]):
+        island[body], theta[body] = -1, 0.5
+    contacts.count[0] = 0
+
+
+@kernel
+def _all_known(known: NDArray[np.bool_], island: NDArray[np.int64]) -> bool:
+    """Whether no muscle asks for what it is like at the start: they touch nothing, and their last midpoint is known."""
+    for f in range(known.shape[0]):
+        if island[f] >= 0 or not known[f]:
+            return False
+    return True
+
+
+@kernel
+def _all_touch(island: NDArray[np.int64]) -> bool:
+    """Whether all muscles touch something."""
+    for f in range(island.shape[0] - 1):
+        if island[f] < 0:
+            return False
+    return True
+
+
+@kernel
+def _keep_masses(known: NDArray[np.bool_], island: NDArray[np.int64], start: Room, room: Room) -> None:
+    """Let the first sweep have masses and loads of the start of those muscles whose last midpoint is not known."""
+    for f in range(WIDTH):  # lanes without a muscle too
+        if f >= known.shape[0] or island[f] >= 0 or not known[f]:
+            for i in range(start.load.shape[0]):
+                room.load[i, f] = start.load[i, f]
+                for j in range(start.load.shape[0]):
+                    room.mass[i, j, f] = start.mass[i, j, f]
+
+
+@kernel(inline="always")
+def _touch(
+    state: State, system: System, lift: float, hand_velocity: float, near: bool, outlook: Outlook, work: Work,
+    contacts: Contacts,
+) -> None:  # fmt: skip
+    """Find the contacts and which bodies they tie to each other, and choose theta for each.
+
+    Where nothing is ``near`` a muscle only the object and what it rests on are looked at.
+    """
+    write_rotation(state.orientation, work.rotation)
+    find_contacts(
+        system.bases, system.rod, work.touch_motion, system.surroundings, state.position, work.rotation, lift,
+        hand_velocity, near, outlook, work.spots, work.room_of_lines, contacts,
+    )  # fmt: skip
+    recall(Grip(state.held, state.slots, state.springs), contacts)
+    find_islands(contacts, work.theta.shape[0], work.equations.island)
+    for body in range(work.theta.shape[0]):
+        if work.equations.island[body] >= 0:
+            work.theta[body] = 1.0
+
+
+@kernel
+def _too_deep(h: float, radius: float, contacts: Contacts) -> bool:
+    """Whether anything ends so deep in something else that it would come out behind, or beside."""
+    for c in range(contacts.count[0]):
+        depth = contacts.depth[c] - h * dot(vector(contacts.normal[c], 0), vector(contacts.velocity[c], 0))
+        most = PLATE_THICKNESS_M if contacts.finger[c] < 0 else radius
+        if depth > most:
+            return True
+    return False
+
+
+@kernel
+def _move_object_freely(state: State, start: Array, system: System, work: Work) -> bool:
+    """Write the velocities of an object that touches nothing."""
+    n, size, first = state.shape.shape[0], state.velocity.shape[0], work.equations.first
+    for sweep in range(system.sweeps):
+        share = 0.5 if sweep > 0 else 0.0
+        _object_equations(state, start, system, share, work.rotation, work.middle, work.a, work.b)
+        for i in range(n, size):
+            first[i] = n
+        if not solve_in_place(work.a, work.b, first, n, size):
+            return False
+        changed = 0.0
+        for i in range(n, size):
+            changed = max(changed, abs(work.b[i] - state.velocity[i]))
+            state.velocity[i] = work.b[i]
+        if changed < FOUND_RAD_S:
+            break
+    return True
 
 
 @kernel
@@ -575,56 +708,81 @@ def _look_ahead(velocity: Array, start: Array, extrapolate: bool, gain: Array, a
 
 
 @kernel(inline="always")
-def _find_velocities(
-    parts: Parts, heights: Array, rates: Array, step: int, midpoint: bool, ahead: bool
-) -> tuple[int, int, bool]:
-    """Write the velocities after a sub-step; return OK or what went wrong, Newton's steps, and whether it touches.
+def _find_velocities(parts: Parts, heights: Array, rates: Array, step: int, ahead: bool) -> tuple[int, int]:
+    """Write the velocities after a sub-step; return OK or what went wrong, and Newton's steps.
 
-    The first sweep is at the start, or, where nothing is in reach, with what the step before saw at its midpoint. Later
-    ones are at the midpoint that the one before found.
+    Bodies that touch are solved island by island, at the start. Each other one is solved alone: the first sweep has
+    what the step before saw at its midpoint, later ones are at the midpoint that the one before found. If then
+    something moved farther than what was looked for, all is done again with a wider look.
     """
     state, drive, system, contacts, work = parts.state, parts.drive, parts.system, parts.contacts, parts.work
-    motion, room, around = work.motion, work.room, system.surroundings
-    fingers, muscles = work.theta.shape[0] - 1, state.shape.shape[0]
-    _drive_lanes(drive, (step + 0.5) / (heights.shape[0] - 1), system.rod, room)
+    around, island, known = system.surroundings, work.equations.island, work.midpoint_known
+    muscles, rows, fingers, size = state.shape.shape[0], state.velocity.shape[0], known.shape[0], contacts.coordinates
+    lift, hand, iterations = heights[step], rates[step + 1], 0
+    _drive_lanes(drive, (step + 0.5) / (heights.shape[0] - 1), system.rod, work.room)
     gravity = (
         system.gravity[0],
         system.gravity[1],
         system.gravity[2] + (rates[step + 1] - rates[step]) / system.step_s,
     )
-    in_reach, touching = _may_touch(around), False
-    # Whether fingers may meet is asked of where the last sweep saw them, which costs no motion of its own.
-    near = in_reach or (around.fingers_touch and fingers_near(system.bases, system.rod, motion, work.room_of_lines))
-    for sweep in range(system.sweeps):
-        share = 0.5 if sweep > 0 else 0.0
-        anew = in_reach or sweep > 0 or not midpoint
-        if anew or near:
-            _move_muscles(system, share, motion, room)
-        if sweep == 0 and near:
-            touching = _touch(state, system, heights[step], rates[step + 1], work, contacts)
-        if anew or touching:
-            masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
-        _muscle_equations(system, work.theta, room)
-        if state.velocity.shape[0] > muscles:
-            _object_equations(state, work.start, system, share, work.rotation, work.middle, work.a, work.b)
-        if touching:  # contact is of first order: the midpoint would not help
-            _spread_equations(room.a, room.b, fingers, work.a, work.b)
-            if ahead:
-                for i in range(state.velocity.shape[0]):
+    pull = max(system.step_s * system.step_s * norm(gravity) - SEEN_LATE_M, 0.0)
+    reach = pull + 1.5 * (work.way[0] + abs(system.step_s * hand))
+    for _ in range(LOOKS):
+        near = _near(parts, lift, max(reach, system.rod.radius) + work.way[0])
+        _let_go(island, work.theta, contacts)
+        for i in range(rows):
+            state.velocity[i] = work.start[i]
+        for sweep in range(-1, system.sweeps):
+            first, more = sweep < 0, sweep > 0
+            motion = work.touch_motion if first else work.motion
+            room = work.touch_room if first else work.room
+            if more or (first and (near or not _all_known(known, island))):
+                _move_muscles(system, 0.5 if more else 0.0, motion, room)
+            if first and (near or around.shape >= 0):
+                outlook = Outlook(system.step_s, reach, pull, work.start, muscles, work.rates)
+                _touch(state, system, lift, hand, near, outlook, work, contacts)
+            anew = first and not _all_known(known, island)
+            if more or anew:
+                masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
+            if anew or not first:
+                _muscle_equations(system, work.theta, room)
+            if not first:
+                solved, changed = _solve_muscles(room, island, state.velocity)
+                if not solved:
+                    return NOT_FINITE, iterations
+                if changed < FOUND_RAD_S:
+                    break
+                continue
+            if anew:
+                _spread_equations(room.a, room.b, fingers, work.a, work.b)
+                _keep_masses(known, island, room, work.room)
+            if rows > muscles and island[fingers] < 0:
+                if not _move_object_freely(state, work.start, system, work):
+                    return NOT_FINITE, iterations
+            elif rows > muscles:
+                _object_equations(state, work.start, system, 0.0, work.rotation, work.middle, work.a, work.b)
+            for i in range(rows if ahead else 0):
+                if island[min(i // size, fingers)] >= 0:
                     state.velocity[i] += work.ahead[i]
-            left, count = solve_contacts(
-                work.a, work.b, state.velocity, system.step_s, system.laws, contacts, work.equations
-            )
-            return OK if left < SOLVED_M_S else NOT_SOLVED, count, True
-        solved, changed = _solve_muscles(room, fingers, state.velocity)
-        if solved and state.velocity.shape[0] > muscles:
-            solved, more = _solve_object(work.a, work.b, work.equations.first, muscles, state.velocity)
-            changed = max(changed, more)
-        if not solved:
-            return NOT_FINITE, 0, False
-        if changed < FOUND_RAD_S:
+            for body in range(fingers + 1):
+                if island[body] == body:
+                    left, count = solve_contacts(
+                        work.a, work.b, state.velocity, body, system.step_s, system.laws, contacts, work.equations
+                    )
+                    iterations = max(iterations, count)
+                    if not left < SOLVED_M_S:
+                        return NOT_SOLVED, iterations
+            if _all_touch(island):
+                break
+            _take_lanes(state.velocity, work.room.velocity, fingers)
+        work.way[0] = _farthest(state, work.start, system, work.theta, hand)
+        if work.way[0] <= max(reach, system.rod.radius):
             break
-    return OK, 0, False
+        reach = 1.1 * work.way[0]
+        pull = reach
+    for f in range(fingers):
+        known[f] = island[f] < 0
+    return TOO_DEEP if _too_deep(system.step_s, system.rod.radius, contacts) else OK, iterations
 
 
 @kernel(inline="always")
@@ -642,31 +800,32 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
         _move_muscles(system, 0.0, parts.motion, work.room)
         _hold(parts.drive)
         return OK, 0
-    iterations, midpoint, ahead = 0, work.midpoint_known[0], work.ahead_known[0]
-    work.midpoint_known[0] = work.ahead_known[0] = False  # unless all goes well
+    iterations, ahead = 0, work.ahead_known[0]
+    work.ahead_known[0] = False  # unless all goes well
     _copy_state(state, work.before)
-    if system.surroundings.fingers_touch and not midpoint:
-        _take_lanes(state.shape, work.room.at, fingers)
-        _take_lanes(state.velocity, work.room.start, fingers)
-        _move_muscles(system, 0.0, work.motion, work.room)
+    directors, load, mass, known = work.midpoints
+    _copy_lanes(work.motion.tangent, work.room.load, work.room.mass, directors, load, mass)
+    for f in range(fingers):
+        known[f] = work.midpoint_known[f]
     for step in range(steps):
-        contacts.count[0] = 0
-        work.theta[:] = 0.5
         for i in range(state.velocity.shape[0]):
             work.start[i] = state.velocity[i]
         _take_lanes(state.shape, work.room.at, fingers)
         _take_lanes(work.start, work.room.start, fingers)
-        _take_lanes(state.velocity, work.room.velocity, fingers)
-        answer, count, touching = _find_velocities(parts, heights, rates, step, midpoint, ahead)
+        answer, count = _find_velocities(parts, heights, rates, step, ahead)
         iterations = max(iterations, count)
         if answer == OK:
             answer = _move(state, work.start, system.step_s, system.rod.stretches.shape[1], work.theta, work.turn)
         if answer != OK:
             _copy_state(work.before, state)
+            _copy_lanes(directors, load, mass, work.motion.tangent, work.room.load, work.room.mass)
+            for f in range(fingers):
+                work.midpoint_known[f] = known[f]
             return answer, iterations
+        remember(system.step_s, system.laws, contacts, Grip(state.held, state.slots, state.springs))
         _look_ahead(state.velocity, work.start, ahead, work.gain, work.ahead)
-        midpoint, ahead = not touching, True
-    work.midpoint_known[0], work.ahead_known[0] = midpoint, ahead
+        ahead = True
+    work.ahead_known[0] = ahead
     _hold(parts.drive)
     _sum_forces(contacts, parts.forces)
     return OK, iterations
@@ -679,11 +838,27 @@ def _copy(values: Array, there: Array) -> None:
 
 
 @kernel
+def _copy_lanes(directors: Array, loads: Array, masses: Array, to: Array, to_loads: Array, to_masses: Array) -> None:
+    """Copy what is known of the muscles at a midpoint."""
+    for k in range(directors.shape[0]):
+        for i in range(3):
+            _copy(directors[k, i], to[k, i])
+    for i in range(loads.shape[0]):
+        _copy(loads[i], to_loads[i])
+        for j in range(loads.shape[0]):
+            _copy(masses[i, j], to_masses[i, j])
+
+
+@kernel
 def _copy_state(state: State, there: State) -> None:
     _copy(state.shape, there.shape)
     _copy(state.velocity, there.velocity)
     _copy(state.position, there.position)
     _copy(state.orientation, there.orientation)
+    there.held[0] = state.held[0]
+    for c in range(state.held[0]):
+        there.slots[c] = state.slots[c]
+        _copy(state.springs[c], there.springs[c])
 
 
 @kernel
@@ -698,7 +873,9 @@ def _hold(drive: Drive) -> None:
 
 def forget(work: Work) -> None:
     """Let the next step go on from the state alone."""
-    work.midpoint_known[0] = work.ahead_known[0] = False
+    work.midpoint_known[:] = False
+    work.ahead_known[0] = False
+    work.way[0] = 0.0
 
 
 def _sample() -> Parts:
@@ -708,8 +885,10 @@ def _sample() -> Parts:
         np.ones((1, 2, 1)), np.ones((1, 2, 0)), none, one, none[0], 1.0, square, none[0], one, pair, pair, 1.0, 1.0, 1.0
     )
     around = Surroundings(-1, np.zeros(3), np.zeros((0, 3)), False, False)
-    system = System(1.0, 1, np.zeros(3), np.zeros((1, 3)), rod, 0.0, 0.0, np.zeros(3), around, np.zeros((5, 7)))
-    return assemble(State(np.zeros(2), np.zeros(2), np.zeros(3), np.zeros(4)), system, contact_table(1, 2))
+    system = System(1.0, 1, np.zeros(3), np.zeros((1, 3)), rod, 0.0, 0.0, np.zeros(3), around, np.zeros((5, 6)))
+    contacts = contact_table(1, 2)
+    state = new_state(contacts, np.zeros(2), np.zeros(2), np.zeros(3), np.zeros(4))
+    return assemble(state, system, contacts)
 
 
 _write, _read = access(_sample())

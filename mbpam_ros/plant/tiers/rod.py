@@ -26,15 +26,16 @@ from mbpam_ros.plant.mechanics.step import (
     NOT_SOLVED,
     OK,
     TOO_BENT,
+    TOO_DEEP,
     TOO_FAST,
     TOO_LONG,
     Drive,
-    State,
     System,
     advance,
     assemble,
     bind,
     forget,
+    new_state,
 )
 from mbpam_ros.plant.tiers.base import (
     CENTRELINE_POINTS,
@@ -62,8 +63,10 @@ _REASONS = {
     TOO_BENT: f"a bend is beyond {np.degrees(LARGEST_BEND_RAD):.0f} deg",
     TOO_LONG: f"a muscle is longer or shorter by more than {LARGEST_STRETCH:.0%}",
     NOT_SOLVED: "the contact equations were not solved",
+    TOO_DEEP: "something is pushed into something else by more than 10 mm, and would come out behind it",
 }
 _REMEDY = "use a smaller sub_step_s, a smaller contact stiffness, or a larger retardation_time_s or damping."
+_SOFT = "use a smaller sub_step_s, a greater contact stiffness, or less mass, speed or pressure."
 
 
 class RodTier(Tier):
@@ -117,9 +120,9 @@ class RodTier(Tier):
         self._coordinates = self._fingers * columns
         rates = self._coordinates + (0 if body is None else 6)
         self._memory = np.zeros(self._coordinates + rates + 7)
-        state = State(*np.split(self._memory, np.cumsum([self._coordinates, rates, 3])))
-        most = contact_limit(self._fingers, len(planes), setup.fingers_touch)
-        self._parts = assemble(state, system, contact_table(most, columns))
+        contacts = contact_table(contact_limit(self._fingers, len(planes), setup.fingers_touch), columns)
+        state = new_state(contacts, *np.split(self._memory, np.cumsum([self._coordinates, rates, 3])))
+        self._parts = assemble(state, system, contacts)
         drive = self._parts.drive
         self._start, self._now = (_acting(Drive(*(part[end] for part in drive))) for end in (0, 1))
         damped = config.retardation_time_s > 0.0
@@ -132,6 +135,7 @@ class RodTier(Tier):
             raise TierError("muscles that stretch or twist need an actuation that says how: give it a strain law")
         body, state = self._setup.body, self._parts.state
         self._memory[:] = 0.0
+        state.held[0] = 0
         self._act(actuation)
         state.orientation[3] = 1.0
         if body is not None:
@@ -148,8 +152,8 @@ class RodTier(Tier):
         self._shown = False
         if answer != OK:
             _write(self._now, self._start)
-            self._begin()
-            remedy = _REMEDY.capitalize()
+            self._show()
+            remedy = (_REMEDY if answer != TOO_DEEP else _SOFT).capitalize()
             bend = np.hypot(*actuation.moment_n_m.T) * self._setup.geometry.active_length_m / actuation.stiffness_n_m2
             if answer == TOO_BENT and bend.max() > 0.5 * LARGEST_BEND_RAD:  # swings go twice as far
                 remedy = (

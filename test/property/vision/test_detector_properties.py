@@ -1,5 +1,7 @@
 """Objects of other sizes and poses than the paper's, wherever the camera sees what fixes their size."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -8,15 +10,16 @@ from hypothesis import strategies as st
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.vision.camera import camera_intrinsics, camera_pose, load_camera_config
 from mbpam_ros.vision.detector import ObjectDetector, load_detector_config
-from mbpam_ros.vision.primitives import canonical, orientation_xyzw, sizes, to_body
+from mbpam_ros.vision.primitives import canonical, place, sizes
 from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
+from mbpam_ros.vision.solid_fit_kernel import BOX, ROD, SPHERE
 
 CONFIG = load_camera_config()
 RENDERER = Renderer.from_config(CONFIG)
 INTRINSICS = camera_intrinsics(CONFIG)
 GRIPPER = load_gripper()
 FINGERS = np.stack([GRIPPER.finger_base_m, GRIPPER.finger_base_m + [0.0, 0.0, GRIPPER.geometry.length_m]], axis=1)
-DETECTOR = ObjectDetector(load_detector_config(), camera_pose(CONFIG), GRIPPER)
+DETECTOR = ObjectDetector(replace(load_detector_config(), budget_s=10.0), camera_pose(CONFIG), GRIPPER)
 
 offset = st.floats(-0.012, 0.012)
 depth = st.floats(0.11, 0.14)
@@ -24,13 +27,15 @@ few = settings(max_examples=10, deadline=None, suppress_health_check=[HealthChec
 
 
 def measured(shape, parameters, support_depth):
-    body = to_body(shape, np.array(parameters), support_depth)
-    solid = ColouredSolid(shape, 2.0 * body.half_size, body.centre, orientation_xyzw(body), (0.85, 0.55, 0.30))
+    form = {"sphere": SPHERE, "cylinder": ROD, "box": BOX}[shape]
+    body = place(form, np.array(parameters), support_depth)
+    size = sizes(form, np.array(parameters))
+    solid = ColouredSolid(shape, size, body.centre, body.orientation_xyzw, (0.85, 0.55, 0.30))
     view = SceneView(support_depth, (solid,), FINGERS)
     image = RENDERER.render(view, np.random.default_rng(0))
     (found,) = DETECTOR.detect(image, "rgb8", INTRINSICS, None, support_depth)
     assert found.shape == shape
-    expected = sizes(shape, canonical(shape, np.array(parameters)))
+    expected = sizes(form, canonical(form, np.array(parameters)))
     assert found.size_m == pytest.approx(expected, abs=0.005)
     assert found.position_m == pytest.approx(body.centre, abs=0.005)
 

@@ -10,6 +10,7 @@ from mbpam_ros.configuration import ConfigError, load_yaml, parse_config
 from mbpam_ros.vision.camera import (
     Camera,
     CameraConfig,
+    CameraData,
     CameraError,
     CameraPose,
     Intrinsics,
@@ -103,3 +104,59 @@ def test_senseless_camera_files_are_refused(key, value):
 def test_the_camera_file_is_frozen():
     with pytest.raises(dataclasses.FrozenInstanceError):
         load_camera_config().width_px = 1
+
+
+K = (600.0, 0.0, 320.0, 0.0, 600.0, 240.0, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("index", "value", "name"),
+    [
+        (8, 0.0, r"K\[8\]"),
+        (1, 5.0, "skew"),
+        (6, 0.1, r"K\[6\]"),
+        (4, 200.0, "focal lengths"),
+        (0, 1200.0, "proportion"),
+        (2, 1300.0, "cx"),
+        (5, -400.0, "cy"),
+    ],
+)
+def test_an_entry_of_k_that_no_camera_has_is_refused_by_its_name(index, value, name):
+    k = list(K)
+    k[index] = value
+    with pytest.raises(CameraError, match=name):
+        Intrinsics.from_camera_info(640, 480, k)
+
+
+def test_a_focal_length_of_another_image_size_is_refused():
+    with pytest.raises(CameraError, match="another size"):
+        Intrinsics.from_camera_info(640, 480, [2e5, 0, 320, 0, 2e5, 240, 0, 0, 1])
+
+
+def data(**changes):
+    p = (500.0, 0.0, 310.0, 0.0, 0.0, 500.0, 235.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    return CameraData(
+        **{"width_px": 640, "height_px": 480, "model": "plumb_bob", "d": [0.1] * 5, "k": K, "p": p, **changes}
+    )
+
+
+def test_of_a_rectified_image_p_counts_and_d_does_not():
+    raw, d = data().pinhole(rectified=False)
+    assert raw.fx == 600.0 and list(d) == [0.1] * 5
+    rectified, d = data(model="equidistant").pinhole(rectified=True)
+    assert (rectified.fx, rectified.cx, rectified.cy) == (500.0, 310.0, 235.0) and d.size == 0
+    with pytest.raises(CameraError, match="P must"):
+        data(p=[0.0] * 12).pinhole(rectified=True)
+
+
+def test_region_and_binning_are_applied_as_the_message_defines_them():
+    """A point's pixel in the full image, less the corner, over the binning, is its pixel in what is sent."""
+    sent, _ = data(roi=(100, 60, 400, 300), binning=(2, 2)).pinhole(rectified=False)
+    assert (sent.width_px, sent.height_px) == (200, 150)
+    x, y = 0.3, -0.2
+    full = (600.0 * x + 320.0, 600.0 * y + 240.0)
+    assert (sent.fx * x + sent.cx, sent.fy * y + sent.cy) == pytest.approx(((full[0] - 100) / 2, (full[1] - 60) / 2))
+    whole, _ = data(binning=(0, 0)).pinhole(rectified=False)
+    assert (whole.width_px, whole.fx) == (640, 600.0)
+    with pytest.raises(CameraError, match="roi"):
+        data(roi=(500, 0, 200, 100)).pinhole(rectified=False)

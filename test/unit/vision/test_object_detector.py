@@ -1,25 +1,31 @@
 """What the detector finds in rendered scenes, and what it refuses."""
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
 from mbpam_ros.configuration import ConfigError, load_yaml, parse_config
+from mbpam_ros.grasp.arbitration import load_grasp_config
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.vision.camera import CameraError, Intrinsics, camera_intrinsics, camera_pose, load_camera_config
 from mbpam_ros.vision.detector import Detection, DetectorConfig, ImageError, ObjectDetector, load_detector_config
 from mbpam_ros.vision.overlay import describe_size, draw_overlay
-from mbpam_ros.vision.primitives import orientation_xyzw, to_body
+from mbpam_ros.vision.primitives import place, sizes
 from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
+from mbpam_ros.vision.solid_fit_kernel import BOX, ROD, SPHERE
 
 TOLERANCE_M = 0.005
+USED_FROM = load_grasp_config().selection.confidence_min
 CONFIG = load_camera_config()
 INTRINSICS = camera_intrinsics(CONFIG)
 RENDERER = Renderer.from_config(CONFIG)
 GRIPPER = load_gripper()
 OPEN_FINGERS = np.stack([GRIPPER.finger_base_m, GRIPPER.finger_base_m + [0.0, 0.0, GRIPPER.geometry.length_m]], axis=1)
+
+FORM_OF = {"sphere": SPHERE, "cylinder": ROD, "box": BOX}
 
 # name: shape, sizes as parameters of the primitive [m], colour
 OBJECTS = {
@@ -35,8 +41,9 @@ POSES = [(0.0, 0.0, 0.0, 0.13), (-0.012, 0.014, 0.09, 0.12), (0.002, -0.013, -0.
 
 def standing(shape, extents, colour=(0.75, 0.3, 0.2), x=0.0, y=0.0, yaw=0.0, depth=0.13):
     parameters = np.array([x, y, *extents] if shape == "sphere" else [x, y, yaw, *extents])
-    body = to_body(shape, parameters, depth)
-    return ColouredSolid(shape, 2.0 * body.half_size, body.centre, orientation_xyzw(body), colour)
+    form = FORM_OF[shape]
+    body = place(form, parameters, depth)
+    return ColouredSolid(shape, sizes(form, parameters), body.centre, body.orientation_xyzw, colour)
 
 
 def photograph(*solids, depth=0.13, seed=0, fingers=OPEN_FINGERS, **view):
@@ -45,7 +52,8 @@ def photograph(*solids, depth=0.13, seed=0, fingers=OPEN_FINGERS, **view):
 
 @pytest.fixture(scope="module")
 def detector():
-    return ObjectDetector(load_detector_config(), camera_pose(CONFIG), GRIPPER)
+    """With all the time it wants: how long it takes here says nothing."""
+    return ObjectDetector(replace(load_detector_config(), budget_s=10.0), camera_pose(CONFIG), GRIPPER)
 
 
 def look(detector, image, encoding="rgb8", depth=0.13, **keys):
@@ -145,12 +153,15 @@ def test_the_depth_of_the_support_scales_what_is_measured(detector):
 
 def test_a_rod_whose_end_a_finger_hides_is_not_reported_with_a_wrong_length(detector):
     tube = standing(*OBJECTS["aluminium tube"], x=0.011, yaw=math.radians(10.0))
-    assert all(d.confidence < 0.3 for d in look(detector, photograph(tube)))
+    (found,) = look(detector, photograph(tube))
+    assert found.shape == "cylinder" and found.size_m[0] == pytest.approx(0.020, abs=0.002)
+    assert 0.15 < found.size_m[2] < 0.255
+    assert found.bound.startswith(f"at least {1e3 * found.size_m[2]:.0f} mm long") and "finger" in found.bound
 
 
 def test_a_box_seen_from_straight_above_is_not_reported_with_a_guessed_height(detector):
     carton = standing(*OBJECTS["carton"], x=CONFIG.position_m[0])
-    assert all(d.confidence < 0.3 for d in look(detector, photograph(carton)))
+    assert all(d.confidence < USED_FROM for d in look(detector, photograph(carton)))
 
 
 def test_bent_fingers_are_looked_past_when_their_shape_is_given(detector):
@@ -263,3 +274,37 @@ def test_the_overlay_accepts_grey_images_and_refuses_unknown_encodings():
     assert (draw_overlay(grey, "mono8", []) == 7).all()
     with pytest.raises(ImageError, match="encoding"):
         draw_overlay(grey, "yuv", [])
+
+
+def test_a_cylinder_that_stands_upright_is_one(detector):
+    post = ColouredSolid("cylinder", (0.05, 0.05, 0.06), (-0.02, 0.0, 0.10), (0.0, 0.0, 0.0, 1.0), (0.2, 0.5, 0.8))
+    (found,) = look(detector, photograph(post))
+    assert found.shape == "cylinder" and found.stands and found.yaw_rad == 0.0
+    assert found.size_m == pytest.approx(post.size_m, abs=TOLERANCE_M)
+    assert found.position_m == pytest.approx(post.position_m, abs=TOLERANCE_M)
+
+
+def test_a_rod_that_runs_out_of_the_image_is_at_least_as_long_as_is_seen(detector):
+    rod = standing("cylinder", (0.012, 0.7), (0.2, 0.6, 0.3), x=-0.01)
+    (found,) = look(detector, photograph(rod))
+    assert found.size_m[0] == pytest.approx(0.024, abs=0.002)
+    assert 0.2 < found.size_m[2] <= 0.7
+    assert "runs out of the image on the left and the right" in found.bound
+
+
+def discs(count):
+    """Discs of one size in rows, all of other colours than the table."""
+    image = np.full((CONFIG.height_px, CONFIG.width_px, 3), 60, np.uint8)
+    for index in range(count):
+        centre = (250 + 60 * (index % 6), 140 + 60 * (index // 6))
+        cv2.circle(image, centre, 20, (250 - 5 * index, 120, 30 + 5 * index), -1)
+    return image
+
+
+def test_a_cluttered_view_stops_at_the_budget_and_says_what_it_passed_over():
+    free = ObjectDetector(load_detector_config(), camera_pose(CONFIG))
+    hurried = ObjectDetector(replace(load_detector_config(), budget_s=1e-6), camera_pose(CONFIG))
+    assert hurried.look(discs(0), "rgb8", INTRINSICS, None, 0.13).passed_over == 0
+    seen = hurried.look(discs(20), "rgb8", INTRINSICS, None, 0.13)
+    assert seen.detections == [] and seen.passed_over >= 20
+    assert free.look(discs(1), "rgb8", INTRINSICS, None, 0.13).passed_over == 0

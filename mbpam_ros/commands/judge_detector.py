@@ -1,0 +1,84 @@
+"""How well objects are detected, on random images that are drawn for it.
+
+    mbpam judge_detector --images 120 --json judged.json --sheet worst.png
+
+Two renderers: MuJoCo off-screen (extra "bench"; MUJOCO_GL=egl or osmesa), with tables, lamps, cameras, shapes,
+textures and clutter at random, and the simulated palm camera's own. Each image is looked at alone, with images of the
+empty table, and with a depth image. The sets "tune" and "report" share no table and no mesh. Same seed, same images.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections import defaultdict
+from pathlib import Path
+
+from mbpam_ros.study.judge.judge import Judged, contact_sheet, figures, judge_scenes, without_budget
+from mbpam_ros.study.provenance import machine, versions
+from mbpam_ros.study.result_file import write_json
+from mbpam_ros.terminal import Progress, table
+from mbpam_ros.vision.detector import SOURCES, load_detector_config
+from mbpam_ros.vision.image_file import write_image
+
+_COLUMNS = ("recall", "shape_right", "mode_right", "wrong_mode", "width_error_p95_mm", "false_alarms_per_image")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
+    parser.add_argument("--images", type=int, default=120, metavar="N", help="scenes of each renderer (default: 120)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first scene (default: 0)")
+    parser.add_argument("--set", choices=("tune", "report"), default="report", help="which set (default: report)")
+    parser.add_argument(
+        "--renderers", nargs="+", choices=("own", "mujoco"), default=("own", "mujoco"), help="(default: both)"
+    )
+    parser.add_argument("--detector", default="detector.yaml", metavar="YAML", help="thresholds and weights")
+    parser.add_argument("--all-the-time", action="store_true", help="without the budget of processor time")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
+    parser.add_argument("--sheet", type=Path, metavar="FILE", help="where a picture of the worst images goes")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Judge, print the table and write the figures."""
+    os.environ.setdefault("MUJOCO_GL", "egl")
+    config = load_detector_config(options.detector)
+    if options.all_the_time:
+        config = without_budget(config)
+    progress = Progress()
+    judged: dict[tuple[str, str], list[Judged]] = defaultdict(list)
+    seeds = range(options.seed, options.seed + options.images)
+    for renderer in options.renderers:
+        for count, rows in enumerate(judge_scenes(renderer, options.set, seeds, config), 1):
+            for row in rows:
+                judged[renderer, row.source].append(row)
+            progress.show(f"{renderer}: {count} of {options.images} scenes")
+    content = {
+        f"{renderer} {source}": figures(judged[renderer, source])
+        for renderer in options.renderers
+        for source in SOURCES
+        if judged[renderer, source]
+    }
+    print(_text(content))
+    if options.json is not None:
+        made_with = {**machine(), **versions("numpy", "opencv-python-headless")}
+        settings = {"images": options.images, "seed": options.seed, "set": options.set, **made_with}
+        write_json(options.json, {"settings": settings, "figures": content})
+    if options.sheet is not None:
+        write_image(options.sheet, contact_sheet([item for items in judged.values() for item in items]))
+    return 0
+
+
+def _text(content: dict[str, dict]) -> str:
+    head = ("images", "n", *(name.replace("_", " ") for name in _COLUMNS), "calibration", "CPU ms", "p99")
+    rows = [
+        (
+            name,
+            str(values["graspable"]["objects"]),
+            *(f"{values['graspable'].get(column, float('nan')):.3f}" for column in _COLUMNS),
+            f"{values['calibration_error']:.3f}",
+            f"{values['cpu_ms_median']:.0f}",
+            f"{values['cpu_ms_p99']:.0f}",
+        )
+        for name, values in content.items()
+    ]
+    return f"{table(head, rows)}\nof objects that the gripper can grasp where they are"

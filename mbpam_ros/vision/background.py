@@ -1,0 +1,166 @@
+"""The empty table, learnt from a few frames, and what differs from it.
+
+Kept are the mean and the spread of every second pixel. A new image is compared at equal exposure (the median ratio of
+each colour) and after a shift of a few pixels (phase correlation: Kuglin and Hines, 1975). What is darker in the same
+hue may be a shadow: it passes for one unless the table's texture is not found again in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.errors import MbpamError
+
+_FARTHEST_SHIFT_PX = 8.0
+_LEAST_RESPONSE = 0.05
+_STEP_LEVELS = 9.0
+_HUE_LEVELS = 7.0
+_NOISE_SIGMAS = 4.0
+_DEEPEST_SHADOW = 0.30
+_BRIGHTER = 1.08
+_TEXTURE = 0.05
+_EDGE_SHARE = 0.6
+_WINDOW = (7, 7)
+_DARK = np.float32(4.0)  # added before ratios: what is black has no hue
+
+
+class BackgroundError(MbpamError, ValueError):
+    """Frames of the empty table that cannot be used: none, or of different sizes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Masks:
+    """Which pixels, (h, w) bool, show an object: surely, and with what may be shadow."""
+
+    sure: NDArray[np.bool_]
+    with_shadow: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """The empty table at every second pixel.
+
+    Args:
+        mean: (h, w, c) float32 levels.
+        spread: (h, w) float32, standard deviation over the frames [levels].
+        known: (h, w) bool, pixels that no finger hid in all frames.
+    """
+
+    mean: NDArray[np.float32]
+    spread: NDArray[np.float32]
+    known: NDArray[np.bool_]
+
+    @classmethod
+    def learn(cls, frames: Sequence[NDArray], hidden: Sequence[NDArray]) -> Background:
+        """Learn from frames, (h, w, c) of every second pixel, and where fingers hid it in each, (h, w).
+
+        Raises:
+            BackgroundError: no frames, or frames of different sizes.
+        """
+        if not frames or any(frame.shape != frames[0].shape for frame in frames):
+            raise BackgroundError("the empty table is learnt from one or more frames of one size")
+        stack = np.stack([np.asarray(frame, np.float32) for frame in frames])
+        seen = np.stack([mask == 0 for mask in hidden])[..., None].astype(np.float32)
+        count = np.maximum(seen.sum(axis=0), 1.0)
+        mean = (stack * seen).sum(axis=0) / count
+        variance = (((stack - mean) ** 2) * seen).sum(axis=0) / np.maximum(count - 1.0, 1.0)
+        return cls(
+            mean.astype(np.float32),
+            np.sqrt(variance.mean(axis=-1)).astype(np.float32),
+            np.asarray(seen.any(axis=0))[..., 0],
+        )
+
+    def differences(self, image: NDArray[np.uint8], known: NDArray[np.bool_]) -> Masks:
+        """What of an image, (h, w, c) of every second pixel, is not the empty table.
+
+        Args:
+            image: uint8 levels.
+            known: (h, w), pixels that no finger hides now.
+
+        Raises:
+            BackgroundError: it has another size or number of colours than the frames that were learnt.
+        """
+        if image.shape != self.mean.shape:
+            raise BackgroundError(f"an image of {image.shape}, but the empty table was learnt with {self.mean.shape}")
+        mean, usable = self._shifted(image, known & self.known)
+        levels = image.astype(np.float32)
+        if usable.sum() < 100:
+            empty = np.zeros(usable.shape, bool)
+            return Masks(empty, empty)
+        picked = np.flatnonzero(usable)[::11]
+        channels = image.shape[2]
+        sample = (levels.reshape(-1, channels)[picked], mean.reshape(-1, channels)[picked])
+        gain = np.median((sample[0] + 1.0) / (sample[1] + 1.0), axis=0).astype(np.float32)
+        table = np.minimum(mean * gain, np.float32(255.0))
+        grey, grey_table = _grey(levels) + _DARK, _grey(table) + _DARK
+        noise = max(1.4826 * float(np.median(np.abs(sample[0] - sample[1] * gain))), 1.0)
+        # Beside an edge of the table's pattern a fraction of a pixel makes a difference.
+        slope = cv2.magnitude(cv2.Sobel(grey_table, cv2.CV_32F, 1, 0), cv2.Sobel(grey_table, cv2.CV_32F, 0, 1)) / 8.0
+        slope = cv2.dilate(np.asarray(slope, np.float32), np.ones((3, 3), np.uint8))
+        tolerance = _EDGE_SHARE * slope + np.minimum(2.0 * self.spread, 12.0)
+        step = max(_STEP_LEVELS, _NOISE_SIGMAS * noise) + tolerance
+        ratio = grey / grey_table
+        brighter = (grey - grey_table > step) & (ratio > _BRIGHTER)
+        darker = grey_table - grey > step
+        sure = brighter | (ratio < _DEEPEST_SHADOW)
+        if image.shape[2] > 1:
+            most = max(_HUE_LEVELS, 3.0 * noise) + tolerance
+            for colour, of_table in zip(cv2.split(levels), cv2.split(table), strict=True):
+                sure |= np.abs(colour + _DARK - ratio * (of_table + _DARK)) > most
+        # In a shadow the table's texture is found again; an object covers it, or has one of its own.
+        log_ratio = np.log(ratio).astype(np.float32)
+        own, tables = _local_deviation(log_ratio), _local_deviation(np.log(grey_table).astype(np.float32))
+        grain = noise / grey_table
+        sure |= darker & (own > _TEXTURE + 2.0 * grain) & (own > 0.8 * tables) & (tables > _TEXTURE)
+        return Masks(_cleaned(sure & usable), _cleaned((sure | darker) & usable))
+
+    def _shifted(
+        self, image: NDArray[np.uint8], known: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """The mean moved to where the image has it, and the pixels that can be compared."""
+        small = (image.shape[1] // 2, image.shape[0] // 2)
+        first, second, weight = (
+            cv2.resize(picture, small, interpolation=cv2.INTER_AREA).astype(np.float32, copy=False)
+            for picture in (_grey(self.mean), _grey(image), known.astype(np.float32))
+        )
+        first, second = ((part - float(part.mean())) * weight for part in (first, second))
+        window = cv2.createHanningWindow(small, cv2.CV_32F)
+        (du, dv), response = cv2.phaseCorrelate(first, second, window)
+        du, dv = 2.0 * du, 2.0 * dv
+        if response < _LEAST_RESPONSE or math.hypot(du, dv) > _FARTHEST_SHIFT_PX or math.hypot(du, dv) < 0.1:
+            return self.mean, known
+        move = np.array([[1.0, 0.0, du], [0.0, 1.0, dv]])
+        size = (image.shape[1], image.shape[0])
+        moved = cv2.warpAffine(self.mean, move, size, borderMode=cv2.BORDER_REPLICATE).reshape(self.mean.shape)
+        # Accept it only where it explains more than standing still.
+        picked = np.flatnonzero(known)[::29]
+        pixels = image.reshape(-1, image.shape[2])[picked].astype(np.float32)
+        still, shifted = (
+            float(np.median(np.abs(pixels - mean.reshape(-1, image.shape[2])[picked]))) for mean in (self.mean, moved)
+        )
+        return (moved.astype(np.float32, copy=False), known) if shifted < still else (self.mean, known)
+
+
+def _grey(image: NDArray) -> NDArray[np.float32]:
+    """Brightness, (h, w), of an image with one or three colours."""
+    if image.shape[2] == 1:
+        return image[..., 0].astype(np.float32)
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+
+
+def _local_deviation(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Standard deviation in a window about each pixel."""
+    mean, square = cv2.blur(values, _WINDOW), cv2.blur(values * values, _WINDOW)
+    return np.sqrt(np.maximum(square - mean * mean, 0.0)).astype(np.float32)
+
+
+def _cleaned(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    kernel = np.ones((3, 3), np.uint8)
+    cleaned = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    return cv2.morphologyEx(cleaned, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)).astype(bool)
