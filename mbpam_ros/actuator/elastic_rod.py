@@ -635,7 +635,7 @@ def _solved_near(
         if np.isnan(rows[i]).any() or np.isnan(near_bend_rad[i]).any():
             continue
         of = rows[i]
-        section = RodSection(of[0], of[1], of[2], of[3], of[4], of[5], of[6], of[7], of[8], of[9])
+        section = RodSection(of[0], of[1], of[2], of[3], of[4], of[5], of[6], of[7], of[8], of[9], of[10])
         sections = _Sections(section, ends, NO_JOINT)
         found, tip = _solved(_turn(-near_bend_rad[i, 1], near_bend_rad[i, 0], 0.0), sections, loads, shape, points)
         if not found:
