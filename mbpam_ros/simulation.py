@@ -58,7 +58,7 @@ def grasp_and_lift(simulation: Simulation) -> Observation:
         simulation.tick()
     if simulation.decision.phase is Phase.HOLDING:
         simulation.lift()
-        simulation.run(math.ceil(round(simulation.lift_duration_s / TICK_S, 6)) * TICK_S)
+        simulation.run(math.ceil(round(simulation.scene.lift.duration_s / TICK_S, 6)) * TICK_S)
     return simulation.run(_HELD_S)
 
 
@@ -76,7 +76,7 @@ class Simulation:
     Attributes:
         seen: what there is after the last tick.
         decision: what the arbiter has decided last.
-        lift_duration_s: how long the hand takes to rise.
+        scene: what is there.
 
     Raises:
         ConfigError: a file is wrong, no plan fits, or the grip pressure is above the gripper's limit.
@@ -93,8 +93,7 @@ class Simulation:
     ) -> None:
         scene, request = load_scene(scene) if isinstance(scene, str) else (scene, FidelityRequest())
         gripper = load_gripper() if gripper is None else gripper
-        self._object = scene.object
-        self.lift_duration_s = scene.lift.duration_s
+        self.scene = scene
         pneumatics = load_pneumatics()
         limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
         self._arbiter = _arbiter(gripper, load_grasp_config(), grip_pressure_gauge_pa)
@@ -234,7 +233,7 @@ class Simulation:
         return answer
 
     def _in_view(self) -> list[DetectedObject]:
-        pose, seen = self.seen.object_in_gripper, self._object
+        pose, seen = self.seen.object_in_gripper, self.scene.object
         if pose is None or seen is None:
             return []
         return [

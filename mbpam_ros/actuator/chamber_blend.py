@@ -147,21 +147,22 @@ def blend_curve(pressure_gauge_pa: Array, step_pa: float, rows: Array) -> tuple[
 
 @njit(cache=True)
 def blend_joint(pressure_gauge_pa: Array, step_pa: float, rows: Array) -> Array:
-    """Return the turn in bend components [rad], the length, the shift [m] and the compliance of an end's joint, (6,).
+    """Return turn in bend components [rad], length, shift [m] and compliance of an end's joint, and 1 / GA, shape (7,).
 
     Args:
         pressure_gauge_pa: shape (4,); NaN where a pressure is NaN.
         step_pa: of the uniform grid, which starts at 0 gauge.
-        rows: on the grid, shape (n, 8): turn, length, shift of a chamber alone, and what it adds to the compliance;
+        rows: on the grid, shape (n, 10): turn, length, shift of a chamber alone, and what it adds to the compliances;
             then their gains by a neighbour's pressure.
     """
-    joint, share = np.full(6, np.nan), np.empty((4, 4))
+    joint, share = np.full(7, np.nan), np.empty((5, 4))
     if not np.isnan(pressure_gauge_pa).any():
         _share_out(pressure_gauge_pa, step_pa, rows, share)
         joint[0], joint[1] = _away(share[0])
         joint[2] = (share[1, 0] + share[1, 2]) + (share[1, 1] + share[1, 3])
         joint[3], joint[4] = _away(share[2])
         joint[5] = (share[3, 0] + share[3, 2]) + (share[3, 1] + share[3, 3])
+        joint[6] = (share[4, 0] + share[4, 2]) + (share[4, 1] + share[4, 3])
     return joint
 
 

@@ -1,20 +1,21 @@
-r"""The muscle at rest as a spatial Kirchhoff rod that bends, stretches and twists, under gravity and loads on its tip.
+r"""The muscle at rest as a spatial rod that bends, stretches and twists, under gravity and loads on its tip.
 
 Clamped at the origin of the muscle frame, z along the straight muscle; an end of length d, straight and rigid but
 where another one is asked for, an active part of unstretched length L, another end. With s the unstretched length from
 the clamp, l = L + 2 d, R(s) the rotation of the section (third column t: the axis), n and m the force and moment that
 what lies beyond exerts, and w the weight per length as a vector,
 
-    R' = R [u]x,   u = (-b_y, b_x, tau),   r' = (1 + epsilon) t,
+    R' = R [u]x,   u = (-b_y, b_x, tau),   r' = (1 + epsilon) t + gamma,
     n = F + w (l - s),   m' = -r' x n,   m(l) = T t,
 
 where b are the curvature's bend components. F is a dead force at the centre of the tip's end face, T a torque about
 the tip's current axis. From the law (:mod:`~mbpam_ros.actuator.rod_law`), with N = n . t and (m_1, m_2, m_3) = R^T m,
 
-    B b = M0 + N c + (m_2, -m_1),   epsilon = epsilon_0 + c . b + N / EA,   tau = m_3 / GJ,
+    B b = M0 + N c + (m_2, -m_1),   epsilon = epsilon_0 + c . b + N / EA,   tau = m_3 / GJ,   gamma = (n - N t) / GA,
 
-so no unknown is left inside. A strain that is left out is 0, and N c with the stretch. Where the law's curve is asked
-for instead of its line, the right side's component e along M0 and the one across it give
+so no unknown is left inside. It is a Kirchhoff rod, gamma = 0, but where the section says how it is sheared. A strain
+that is left out is 0, and N c with the stretch. Where the law's curve is asked for instead of its line, the right
+side's component e along M0 and the one across it give
 
     b_along = 2 e / (K + sqrt(K^2 + 4 Q e)),   K = B - Q kappa_free,   b_across = e_across / (B + S).
 
@@ -91,6 +92,7 @@ class RodSection(NamedTuple):
         axial_compliance_per_n: 1 / EA; 0: it cannot be pulled longer.
         torsion_compliance_per_n_m2: 1 / GJ; 0: it cannot twist.
         stiffening_n_m3, side_n_m2: Q and S; 0: the bending moment is a line.
+        shear_compliance_per_n: 1 / GA, the same all around; 0: sections stay across the axis.
     """
 
     moment_x_n_m: float
@@ -103,6 +105,7 @@ class RodSection(NamedTuple):
     torsion_compliance_per_n_m2: float = 0.0
     stiffening_n_m3: float = 0.0
     side_n_m2: float = 0.0
+    shear_compliance_per_n: float = 0.0
 
 
 RIGID = RodSection(0.0, 0.0, math.inf)
@@ -229,7 +232,7 @@ def _known_strains(law: RodLaw, pressure_gauge_pa: ArrayLike, strains: Sequence[
 
 
 def _section_rows(moment_n_m: Array, stiffness_n_m2: Array, of: StrainLaw | None, strains: Sequence[str]) -> Array:
-    """Fields of :class:`RodSection` in the last axis, shape (..., 10): a line, and 0 for what ``strains`` leave out."""
+    """Fields of :class:`RodSection` in the last axis, shape (..., 11): a line, and 0 for what ``strains`` leave out."""
     rows = np.zeros((*stiffness_n_m2.shape, len(RodSection._fields)))
     rows[..., :2], rows[..., 2] = moment_n_m, stiffness_n_m2
     if of is not None and "stretch" in strains:
@@ -449,10 +452,12 @@ def _slopes(state: Array, beyond_m: float, section: RodSection, loads: Array, sl
     slopes[1] = 0.5 * (w * bend_x - z * bend_y - x * twist)
     slopes[2] = 0.5 * (w * twist + x * bend_x + y * bend_y)
     slopes[3] = 0.5 * (x * bend_y - y * bend_x - z * twist)
-    slopes[4] = -stretch * (t1 * n2 - t2 * n1)
-    slopes[5] = -stretch * (t2 * n0 - t0 * n2)
-    slopes[6] = -stretch * (t0 * n1 - t1 * n0)
-    slopes[7], slopes[8], slopes[9] = stretch * t0, stretch * t1, stretch * t2
+    shear = section.shear_compliance_per_n
+    along = stretch - shear * pull
+    slopes[7], slopes[8], slopes[9] = along * t0 + shear * n0, along * t1 + shear * n1, along * t2 + shear * n2
+    slopes[4] = -along * (t1 * n2 - t2 * n1)  # what shears is along n
+    slopes[5] = -along * (t2 * n0 - t0 * n2)
+    slopes[6] = -along * (t0 * n1 - t1 * n0)
     slopes[10], slopes[11] = bend_x, bend_y
 
 

@@ -7,9 +7,11 @@ of the bend of its own, and yields more or less to a moment than the section of 
 one chamber under pressure (PSC) and two (PDC), as a short muscle in finite elements differs from its unit cell
 (``mbpam fe ends``): at 100 kPa (PDC) each end takes 1 deg from the bend, at 50 kPa it adds half a degree.
 
+The short muscle also tells how the waves are sheared, which the unit cell, bent by a moment alone, does not.
+
 Any four pressures are blended from these as the free stretch and its slope are
 (:mod:`~mbpam_ros.actuator.rod_law`): the turn and the shift with the directions away from the chambers, the length
-and the compliance's change without. Above 120 kPa the joint stays as it is there.
+and the change of the compliances without. Above 120 kPa the joint stays as it is there.
 """
 
 from __future__ import annotations
@@ -45,12 +47,14 @@ class PatternEnds(NamedTuple):
     Args:
         turn_rad, length_m, shift_m: of :class:`~mbpam_ros.actuator.elastic_rod.EndJoint`, in the direction of the bend.
         compliance_per_n_m: likewise; at the start that of an end without pressure.
+        shear_compliance_per_n: 1 / GA of the waves.
     """
 
     turn_rad: Array
     length_m: Array
     shift_m: Array
     compliance_per_n_m: Array
+    shear_compliance_per_n: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,25 +88,40 @@ class EndLaw:
         Raises:
             ValueError: not four pressures.
         """
+        joint = EndJoint(*self._blended(pressure_gauge_pa)[:6])
+        return joint._replace(compliance_per_n_m=self._at_rest[0] + joint.compliance_per_n_m)
+
+    def shear_compliance_per_n(self, pressure_gauge_pa: ArrayLike) -> float:
+        """Return 1 / GA of the waves for the pressures (4,) of chambers 1 to 4; NaN where one is NaN.
+
+        Raises:
+            ValueError: not four pressures.
+        """
+        return self._at_rest[1] + self._blended(pressure_gauge_pa)[6]
+
+    def _blended(self, pressure_gauge_pa: ArrayLike) -> list[float]:
+        """All that is 0 without pressure, and the compliances' change."""
         pressure = np.asarray(pressure_gauge_pa, dtype=float)
         if pressure.shape != (4,):
             raise ValueError(f"expected the pressures of four chambers, found shape {pressure.shape}")
         pressure = np.minimum(pressure, self.pressure_gauge_pa[-1])
-        joint = EndJoint(*blend_joint(pressure, float(self.pressure_gauge_pa[1]), self._rows).tolist())
-        return joint._replace(compliance_per_n_m=self._rest_compliance_per_n_m + joint.compliance_per_n_m)
+        blended: list[float] = blend_joint(pressure, float(self.pressure_gauge_pa[1]), self._rows).tolist()
+        return blended
 
     @property
-    def _rest_compliance_per_n_m(self) -> float:
-        return 0.5 * float(self.psc.compliance_per_n_m[0] + self.pdc.compliance_per_n_m[0])
+    def _at_rest(self) -> tuple[float, float]:
+        """The compliances without pressure: the patterns' meshes differ by 2 %, their mean stands for both."""
+        end, shear = (0.5 * float(one[0] + other[0]) for one, other in zip(self.psc[3:], self.pdc[3:], strict=True))
+        return end, shear
 
     @cached_property
     def _rows(self) -> Array:
         grid = self.pressure_gauge_pa
         share = np.divide(1.0, grid, out=np.zeros_like(grid), where=grid > 0.0)
         alone, both = (
-            np.column_stack([*of[:3], of.compliance_per_n_m - of.compliance_per_n_m[0]]) for of in (self.psc, self.pdc)
+            np.column_stack([*of[:3], *(table - table[0] for table in of[3:])]) for of in (self.psc, self.pdc)
         )
-        return np.hstack([alone, (both * [_ROOT_HALF, 0.5, _ROOT_HALF, 0.5] - alone) * share[:, None]])
+        return np.hstack([alone, (both * [_ROOT_HALF, 0.5, _ROOT_HALF, 0.5, 0.5] - alone) * share[:, None]])
 
 
 @functools.lru_cache(maxsize=2)
@@ -134,4 +153,5 @@ def _pattern(row: dict[str, list[float]]) -> PatternEnds:
         on_grid("length_mm", 1e-3),
         on_grid("shift_mm", 1e-3),
         on_grid("compliance_rad_per_n_mm", 1e3),
+        on_grid("shear_per_n", 1.0),
     )

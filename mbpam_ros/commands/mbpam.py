@@ -16,6 +16,7 @@ VERBS = (
     Verb("demo", "grasp and lift the paper's objects with six node processes", "demo"),
     Verb("plan", "how to compute a scene within a tolerance, and why", "plan"),
     Verb("trade", "what accuracy costs: measure the table that plans are made from", "trade", resumes=True),
+    Verb("judge-planner", "whether plans keep what they promise, on random scenes", "judge_planner", resumes=True),
     Verb("costs", "what each part of a scene costs, and that it costs nothing where it is absent", "costs"),
     Verb("stability", "where the plant's steps are stable", "stability", resumes=True),
     Verb(
@@ -102,7 +103,7 @@ def _chosen(program: str, description: str | None, verbs: Sequence[Verb], argume
     choices = parser.add_subparsers(dest="verb", metavar="VERB", title="verbs", required=True)
     for verb in verbs:
         choices.add_parser(verb.name, help=verb.summary, add_help=False)
-    name = parser.parse_args(arguments).verb
+    name = parser.parse_args([each.replace("_", "-") for each in arguments]).verb
     return next(verb for verb in verbs if verb.name == name)
 
 

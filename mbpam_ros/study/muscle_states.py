@@ -123,7 +123,7 @@ class RodModel:
         strains: what the active part may do.
         ends: section of the two ends.
         bending: how the active part's moment follows its curvature, ``line`` or ``curve``.
-        joints: between the ends and the active part; None: it goes on into them.
+        joints: between the ends and the active part, with its shear; None: it goes on into them, and has none.
     """
 
     law: RodLaw
@@ -143,7 +143,10 @@ def rod_answer(state: MuscleState, model: RodModel) -> dict[str, Any]:
         RodSolutionError: the rod has no equilibrium there.
     """
     section = rod_section(model.law, state.pressure_gauge_pa, model.strains, model.bending)
-    joint = NO_JOINT if model.joints is None else model.joints.joint(state.pressure_gauge_pa)
+    joint = NO_JOINT
+    if model.joints is not None:
+        joint = model.joints.joint(state.pressure_gauge_pa)
+        section = section._replace(shear_compliance_per_n=model.joints.shear_compliance_per_n(state.pressure_gauge_pa))
     rod = rod_at_rest(section, model.geometry, state.loads(), ends=model.ends, joint=joint)
     return {
         **{name: list(value) if isinstance(value, tuple) else value for name, value in asdict(state).items()},

@@ -13,7 +13,9 @@ the clamped end yield: what the middle turns by beyond
 
     the end as a beam of solid silicone, and waves with the unit cell's tangent stiffness,
 
-over the moment where they meet is ``compliance_rad_per_n_mm``. (It is taken for bending across the plane, too.)
+over the moment where they meet is ``compliance_rad_per_n_mm``. By how much the force turns the chord of a wave in the
+middle beyond the mean of the sections at its two crests, over the force across it, is ``shear_per_n``, 1 / GA: of the
+waves, not of the end. (Both are taken for bending across the plane, too.)
 
 The shift is there because pressure moves the cross of the waves, the middle of which is the axis, toward the inside of
 the bend, and that of the solid end not.
@@ -67,12 +69,14 @@ class EndEffect:
         length_mm: of the axis.
         shift_mm: by how much the waves' axis lies nearer to the inside of the bend than the end's.
         compliance_rad_per_n_mm: what a moment adds to the turn.
+        shear_per_n: 1 / GA of the waves.
     """
 
     turn_rad: float
     length_mm: float
     shift_mm: float
     compliance_rad_per_n_mm: float
+    shear_per_n: float
 
 
 class ShortMuscle:
@@ -99,9 +103,10 @@ class ShortMuscle:
         self._muscle = WholeMuscle(short, pattern, mesh, model.silicone, model.ends)
         self._cell = UnitCell(geometry, pattern, mesh, model.silicone)
         points = self._muscle.mesh.points_mm
-        middle = np.array([0.0, 0.0, self._end_mm + 0.5 * self._active_mm])
-        self._middle_node = int(np.linalg.norm(points - middle, axis=1).argmin())
-        self._middle_plane = int(np.abs(self._muscle.frames.z_mm - middle[2]).argmin())
+        z_mm = self._end_mm + 0.5 * self._active_mm + geometry.wave_length_mm * np.array([-1.0, 0.0, 1.0])
+        crests = np.stack([np.zeros(3), np.zeros(3), z_mm], axis=1)
+        self._nodes = [int(np.linalg.norm(points - crest, axis=1).argmin()) for crest in crests]
+        self._planes = [int(np.abs(self._muscle.frames.z_mm - z).argmin()) for z in z_mm]
         self._at: tuple[MuscleState, CellState] = self._muscle.rest(), self._cell.rest()
 
     def effect(self, pressure_gauge_mpa: float) -> EndEffect:
@@ -121,15 +126,15 @@ class ShortMuscle:
         along, _ = _directions(begin_rad + 0.5 * bend_rad)
         _, across = _directions(end_rad)
         outward, _ = _directions(muscle.tip_angle_rad)
-        way = (muscle.tip.position_mm - muscle.positions_mm[self._middle_node])[[0, 2]]
+        way = (muscle.tip.position_mm - muscle.positions_mm[self._nodes[1]])[[0, 2]]
         left = way - arc * along - self._end_mm * outward
         length_mm, shift_mm = np.linalg.solve(np.stack([outward, -across], axis=1), left)
         turn_rad = muscle.tip_angle_rad - end_rad
-        return EndEffect(turn_rad, float(length_mm), float(shift_mm), self._compliance_rad_per_n_mm(muscle, cell))
+        return EndEffect(turn_rad, float(length_mm), float(shift_mm), *self._compliances(muscle, cell))
 
-    def _compliance_rad_per_n_mm(self, free: MuscleState, cell: CellState) -> float:
-        """Of the clamped end's waves, from the turn of the middle under a force across the free tip, with the bend."""
-        along, across = _directions(free.tip_angle_rad)
+    def _compliances(self, free: MuscleState, cell: CellState) -> tuple[float, float]:
+        """Of the clamped end's waves, and in shear, under a force across the free tip, with the bend."""
+        _, across = _directions(free.tip_angle_rad)
         force = _SMALL_N * np.array([across[0], 0.0, across[1]])
         pushed = self._muscle.moved(free, replace(free.loads, tip_force_n=tuple(force.tolist())), control=_CONTROL)
         turned_rad = self._middle_angle_rad(pushed) - self._middle_angle_rad(free)
@@ -143,11 +148,24 @@ class ShortMuscle:
         begin, half, joint, quarter, middle = moments.tolist()
         ends = self._end_mm / self._end_stiffness_n_mm2 * (begin + 4.0 * half + joint) / 6.0
         waves = 0.5 * self._active_mm / section_stiffness(self._cell, cell).bend_n_mm2
-        return float((turned_rad - ends - waves * (joint + 4.0 * quarter + middle) / 6.0) / joint)
+        compliance = (turned_rad - ends - waves * (joint + 4.0 * quarter + middle) / 6.0) / joint
+        before_rad, after_rad = self._aslant_rad(free), self._aslant_rad(pushed)
+        chords_rad = self._angles_rad(free).repeat(2)[1:-1].reshape(2, 2).mean(axis=1)
+        crosswise = [float(force[[0, 2]] @ _directions(angle)[1]) for angle in chords_rad]
+        return float(compliance), float(np.mean((after_rad - before_rad) / crosswise))
+
+    def _aslant_rad(self, state: MuscleState) -> NDArray[np.float64]:
+        """Turn of the chords of the two waves in the middle beyond the mean of their crests, shape (2,)."""
+        angles = self._angles_rad(state)
+        chords = np.diff(state.positions_mm[self._nodes], axis=0)
+        return np.arctan2(-chords[:, 0], chords[:, 2]) - 0.5 * (angles[1:] + angles[:-1])
+
+    def _angles_rad(self, state: MuscleState) -> NDArray[np.float64]:
+        normals = self._muscle.frames.rotations(state.positions_mm)[self._planes, :, 2]
+        return np.arctan2(-normals[:, 0], normals[:, 2])
 
     def _middle_angle_rad(self, state: MuscleState) -> float:
-        x, _, z = self._muscle.frames.rotations(state.positions_mm)[self._middle_plane, :, 2]
-        return math.atan2(-x, z)
+        return float(self._angles_rad(state)[1])
 
 
 def _directions(angle_rad: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -171,6 +189,7 @@ def end_rows(model: MuscleModel, pattern: str, waves: int, pressures_kpa: Sequen
         "length_mm": [round(effect.length_mm, 5) for effect in effects],
         "shift_mm": [round(effect.shift_mm, 5) for effect in effects],
         "compliance_rad_per_n_mm": [round(effect.compliance_rad_per_n_mm, 8) for effect in effects],
+        "shear_per_n": [round(effect.shear_per_n, 6) for effect in effects],
     }
 
 

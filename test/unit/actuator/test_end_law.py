@@ -12,11 +12,11 @@ GEOMETRY = MuscleGeometry(outer_radius_m=0.01, end_length_m=0.015, active_length
 WEIGHTLESS = (0.0, 0.0, 0.0)
 BENT = RodSection(-0.03, 0.0, 1.5e-3, 0.1, 1e-3)
 JOINT = EndJoint(-0.02, 0.0, 3e-4, -1e-3, 0.0)
-GRID = np.array([0.0, 1e5])
+GRID, SHEAR = np.array([0.0, 1e5]), np.array([0.06, 0.04])
 LAW = EndLaw(
     GRID,
-    psc=PatternEnds(np.array([0.0, 0.01]), np.array([0.0, 1e-4]), np.array([0.0, 4e-4]), np.array([-0.4, 0.2])),
-    pdc=PatternEnds(np.array([0.0, 0.02]), np.array([0.0, 3e-4]), np.array([0.0, 7e-4]), np.array([-0.4, 0.5])),
+    psc=PatternEnds(np.array([0.0, 0.01]), np.array([0.0, 1e-4]), np.array([0.0, 4e-4]), np.array([-0.4, 0.2]), SHEAR),
+    pdc=PatternEnds(np.array([0.0, 0.02]), np.array([0.0, 3e-4]), np.array([0.0, 7e-4]), np.array([-0.4, 0.5]), SHEAR),
 )
 
 
@@ -50,7 +50,11 @@ def test_a_rod_with_joints_is_held_by_its_loads_without_work_on_a_closed_way():
     for axis in np.eye(3):
         after, before = (
             rod_at_rest(
-                BENT._replace(axial_compliance_per_n=1.0 / 50.0, torsion_compliance_per_n_m2=1.0 / 1.5e-3),
+                BENT._replace(
+                    axial_compliance_per_n=1.0 / 50.0,
+                    torsion_compliance_per_n_m2=1.0 / 1.5e-3,
+                    shear_compliance_per_n=0.05,
+                ),
                 GEOMETRY,
                 RodLoads(tuple((start + sign * small * axis).tolist())),
                 joint=JOINT._replace(turn_y_rad=0.03, shift_y_m=-5e-4, compliance_per_n_m=3.0),
@@ -85,6 +89,21 @@ def test_a_joint_yields_as_a_hinge_of_its_compliance():
 )
 def test_the_patterns_come_back_away_from_their_chambers(chambers, expected):
     np.testing.assert_allclose(LAW.joint(1e5 * np.array(chambers)), expected, atol=1e-15)
+
+
+def test_waves_are_sheared_as_without_pressure_and_as_their_chambers_say():
+    assert LAW.shear_compliance_per_n(np.zeros(4)) == pytest.approx(0.06)
+    for chambers in ([1, 0, 0, 0], [1, 1, 0, 0]):
+        assert LAW.shear_compliance_per_n(1e5 * np.array(chambers)) == pytest.approx(0.04)
+
+
+def test_a_sheared_rod_moves_by_the_force_over_ga():
+    sheared = RodSection(0.0, 0.0, 1.2e-3, shear_compliance_per_n=1.0 / 20.0)
+    plain, small = sheared._replace(shear_compliance_per_n=0.0), 1e-5
+    loads = RodLoads((0.6 * small, 0.8 * small, 0.0), gravity_m_s2=WEIGHTLESS)
+    moved = np.subtract(*(rod_at_rest(of, GEOMETRY, loads).tip_position_m for of in (sheared, plain)))
+    expected = small * GEOMETRY.active_length_m / 20.0
+    np.testing.assert_allclose(moved, expected * np.array([0.6, 0.8, 0.0]), rtol=1e-4, atol=1e-11)
 
 
 def test_the_joint_turns_with_the_pressures():

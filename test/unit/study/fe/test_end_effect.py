@@ -34,6 +34,12 @@ def test_without_pressure_an_end_does_nothing():
     assert effect.compliance_rad_per_n_mm < 0.0  # its waves cannot warp
 
 
+def test_the_waves_are_sheared_about_as_a_rod_of_their_material():
+    """GA next to 5/6 EA / 3 with the unit cell's EA, 67 N for the finer wall."""
+    effect = ShortMuscle(COARSE, "pdc", 4).effect(0.0)
+    assert 1.0 / effect.shear_per_n == pytest.approx(67.0 / 3.0 * 5.0 / 6.0, rel=0.35)
+
+
 def test_an_odd_number_of_waves_is_refused():
     with pytest.raises(ValueError, match="even number of waves"):
         ShortMuscle(COARSE, "pdc", 3)
