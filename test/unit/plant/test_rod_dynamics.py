@@ -133,7 +133,7 @@ def test_free_muscles_converge_with_the_square_of_the_step():
 
 
 def test_a_grasp_converges_with_the_step():
-    """To the first order where steps resolve how the sphere rocks between the fingers: a third, and 1 % at 1 ms."""
+    """To the first order below 0.5 ms (a third is what is left of it at half the step), and to 1 % at 1 ms."""
     ends = {}
     for h in (1.25e-4, 2.5e-4, 5e-4, 1e-3):
         rod = tier(3, h, body=BULB, planes=TABLE)
