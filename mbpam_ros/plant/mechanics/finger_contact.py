@@ -20,8 +20,9 @@ import numpy as np
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
 from mbpam_ros.plant.mechanics.contact_law import Contacts
 from mbpam_ros.plant.mechanics.kernel import kernel
+from mbpam_ros.plant.mechanics.lanes import WIDTH, any_above, lane, load
 from mbpam_ros.plant.mechanics.outlook import Outlook, ball_velocity, closes
-from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position, coordinates_of
+from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_positions, coordinates_of
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, combined, dot, minus, norm, plus, row, times
 
 _STRIDE, _FINE_STRIDE = 12, 4
@@ -31,7 +32,11 @@ _SAME_POINT_M = 1e-9
 
 
 class Lines(NamedTuple):
-    """Room: centreline points of all fingers (4, n, 3), their boxes (4, 2, 3), and two Jacobians of balls (2, 6, D)."""
+    """Room: centreline points of all fingers, their boxes (4, 2, 3), and two Jacobians of balls (2, 6, D).
+
+    Points are four to a group, shape (4, 3, n / 4, 4), so that they are compared four at once; what is left of the last
+    group is at infinity.
+    """
 
     points: Array
     boxes: Array
@@ -41,18 +46,19 @@ class Lines(NamedTuple):
 def lines(rod: Rod, fingers: int) -> Lines:
     """Return the room for fingers with this rod."""
     balls, coordinates = rod.balls.shape[0], coordinates_of(rod)
-    return Lines(np.empty((fingers, balls, 3)), np.empty((fingers, 2, 3)), np.empty((2, 6, coordinates)))
+    points = np.full((fingers, 3, -(-balls // WIDTH), WIDTH), np.inf)
+    return Lines(points, np.empty((fingers, 2, 3)), np.empty((2, 6, coordinates)))
 
 
 @kernel
 def write_boxes(bases: Array, rod: Rod, motion: Motion, margin: float, room: Lines) -> None:
     """Write the boxes of all fingers, widened by a margin."""
     slack = rod.radius + 0.5 * _STRIDE * rod.farthest + margin
-    for f in range(bases.shape[0]):
-        box = room.boxes[f]
-        box[0, :], box[1, :] = np.inf, -np.inf
-        for ball in range(0, rod.balls.shape[0], _STRIDE):
-            place = ball_position(rod, motion, f, ball)
+    room.boxes[:, 0, :], room.boxes[:, 1, :] = np.inf, -np.inf
+    for ball in range(0, rod.balls.shape[0], _STRIDE):
+        x, y, z = ball_positions(rod, motion, ball)
+        for f in range(bases.shape[0]):
+            box, place = room.boxes[f], (lane(x, f), lane(y, f), lane(z, f))
             for i in range(3):
                 box[0, i] = min(box[0, i], bases[f, i] + place[i] - slack)
                 box[1, i] = max(box[1, i], bases[f, i] + place[i] + slack)
@@ -115,41 +121,56 @@ def append_finger_contacts(
 @kernel
 def _write_points(bases: Array, rod: Rod, motion: Motion, stride: int, points: Array) -> None:
     """Write the places of every ``stride``-th ball of all fingers."""
-    for f in range(bases.shape[0]):
-        for ball in range(0, rod.balls.shape[0], stride):
-            place = plus(row(bases, f), ball_position(rod, motion, f, ball))
-            points[f, ball, 0], points[f, ball, 1], points[f, ball, 2] = place
+    for ball in range(0, rod.balls.shape[0], stride):
+        x, y, z = ball_positions(rod, motion, ball)
+        group, k = ball // WIDTH, ball % WIDTH
+        for f in range(bases.shape[0]):
+            points[f, 0, group, k] = bases[f, 0] + lane(x, f)
+            points[f, 1, group, k] = bases[f, 1] + lane(y, f)
+            points[f, 2, group, k] = bases[f, 2] + lane(z, f)
+
+
+@kernel
+def _point(points: Array, ball: int) -> Vector:
+    """Return a point of one finger."""
+    group, k = ball // WIDTH, ball % WIDTH
+    return points[0, group, k], points[1, group, k], points[2, group, k]
 
 
 @kernel
 def _may_touch(rod: Rod, one: Array, other: Array, gap: float) -> bool:
     """Whether two muscles may touch, by their compared balls: what is between is within half a stride of one."""
     reach = 2.0 * rod.radius + _FINE_STRIDE * rod.farthest + gap
-    for k in range(0, one.shape[0], _FINE_STRIDE):
-        for m in range(0, other.shape[0], _FINE_STRIDE):
-            between = minus(row(one, k), row(other, m))
+    for k in range(0, rod.balls.shape[0], _FINE_STRIDE):
+        place = _point(one, k)
+        for m in range(0, rod.balls.shape[0], _FINE_STRIDE):
+            between = minus(place, _point(other, m))
             if dot(between, between) < reach * reach:
                 return True
     return False
 
 
 @kernel
-def _nearest_point(points: Array, spacing: float, place: Vector, guess: int) -> tuple[float, float]:
+def _nearest_point(points: Array, balls: int, place: Vector, guess: int) -> tuple[float, float]:
     """Return the ball and fraction along a centreline that is nearest to a place, and its distance.
 
-    The distance to the balls changes by no more than the arc length: those that cannot be nearer than that of the
-    ``guess`` are left out.
+    From the ``guess`` on, few balls are nearer than the nearest before: four are compared at once with that.
     """
-    balls, best, nearest, k = points.shape[0], norm(minus(place, row(points, guess))), guess, 0
-    while k < balls:
-        distance = norm(minus(place, row(points, k)))
-        if distance < best:
-            best, nearest = distance, k
-        k += max(1, int((distance - best) / spacing))
-    along = float(nearest)
+    off = minus(place, _point(points, guess))
+    square, nearest = dot(off, off), guess
+    for group in range(points.shape[1]):
+        x = place[0] - load(points, (0, group))
+        y = place[1] - load(points, (1, group))
+        z = place[2] - load(points, (2, group))
+        squares = x * x + y * y + z * z
+        if any_above(square - squares, 0.0):
+            for k in range(WIDTH):
+                if lane(squares, k) < square:
+                    square, nearest = lane(squares, k), WIDTH * group + k
+    best, along = math.sqrt(square), float(nearest)
     for k in range(max(nearest - 1, 0), min(nearest + 1, balls - 1)):
-        start = row(points, k)
-        piece, way = minus(row(points, k + 1), start), minus(place, start)
+        start = _point(points, k)
+        piece, way = minus(_point(points, k + 1), start), minus(place, start)
         t = min(max(dot(way, piece) / dot(piece, piece), 0.0), 1.0)
         distance = norm(minus(way, times(t, piece)))
         if distance < best:
@@ -168,8 +189,8 @@ def _ball_contacts(
     for k in range(balls):
         if k < next_ball:
             continue
-        centre = row(room.points[one], k)
-        along, distance = _nearest_point(line, rod.farthest, centre, guess)
+        centre = _point(room.points[one], k)
+        along, distance = _nearest_point(line, balls, centre, guess)
         guess = int(along)
         depth = 2.0 * rod.radius - distance
         if depth <= -outlook.reach:
@@ -178,8 +199,8 @@ def _ball_contacts(
         j = min(int(along), balls - 2)
         t = along - j
         # From the finger of lower number into the other, which is the one that is pushed.
-        toward, start = 1.0 if one < other else -1.0, row(line, j)
-        across = combined(1.0, start, t, minus(row(line, j + 1), start), -1.0, centre)
+        toward, start = 1.0 if one < other else -1.0, _point(line, j)
+        across = combined(1.0, start, t, minus(_point(line, j + 1), start), -1.0, centre)
         if distance < _SAME_POINT_M:  # centrelines cross: apart as the clamps are
             across = minus(row(bases, other), row(bases, one))
         outward = times(1.0 / norm(across), across)

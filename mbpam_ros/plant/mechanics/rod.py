@@ -472,7 +472,7 @@ def move_rods(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
         before = here
 
 
-@kernel(forceinline=True)
+@kernel
 def masses_and_loads(rod: Rod, motion: Motion, gravity: Vector, work: Array, mass: Array, load_of: Array) -> None:
     """Write mass matrices (D, D, 4) and loads (D, 4) of gravity less velocity terms of all muscles, SI.
 
@@ -540,6 +540,18 @@ def masses_and_loads(rod: Rod, motion: Motion, gravity: Vector, work: Array, mas
             store(mass, (next_j, i), xy)
             store(mass, (j, next_i), yx)
             store(mass, (next_j, next_i), yy)
+
+
+@kernel(forceinline=True)
+def ball_positions(rod: Rod, motion: Motion, ball: int) -> LaneVector:
+    """Return the positions of a ball of each muscle, from its clamp."""
+    tangent, x, y, z = motion.tangent, splat(0.0), splat(0.0), splat(0.0)
+    for k in range(tangent.shape[0]):
+        weight = rod.balls[ball, k]
+        x = x + weight * load(tangent, (k, 0))
+        y = y + weight * load(tangent, (k, 1))
+        z = z + weight * load(tangent, (k, 2))
+    return x, y, z
 
 
 @kernel(forceinline=True)

@@ -378,7 +378,7 @@ def _drive_lanes(drive: Drive, blend: float, rod: Rod, room: Room) -> None:
             room.drive[7, f] = (1.0 - blend) * drive.couplings[0, f, 1] + blend * drive.couplings[1, f, 1]
 
 
-@piece
+@kernel
 def _muscle_equations(system: System, theta: Array, room: Room) -> None:
     """Write the muscles' equations a v = b with the masses, loads and drives in ``room``."""
     h, eta, springs = system.step_s, system.retardation, system.rod.springs
@@ -488,14 +488,16 @@ def _move(state: State, start: Array, h: float, stretches: int, theta: Array, tu
             return NOT_FINITE
         if abs(v[i]) > (5000.0 if i < n else (50.0 if i < n + 3 else 1000.0)):
             return TOO_FAST
-    for i in range(n):
-        t = theta[i // (n // fingers)]
-        shape[i] += h * ((1.0 - t) * start[i] + t * v[i])
-        if abs(shape[i]) > LARGEST_BEND_RAD:
-            return TOO_BENT
+    size = n // fingers
+    for f in range(fingers):
+        t = theta[f]
+        for i in range(f * size, (f + 1) * size):
+            shape[i] += h * ((1.0 - t) * start[i] + t * v[i])
+            if abs(shape[i]) > LARGEST_BEND_RAD:
+                return TOO_BENT
     if stretches > 0:
         for f in range(fingers):
-            last, longer = (f + 1) * (n // fingers), 0.0
+            last, longer = (f + 1) * size, 0.0
             for i in range(last - stretches, last):
                 longer += abs(shape[i])
             if longer > LARGEST_STRETCH:
@@ -708,6 +710,61 @@ def _look_ahead(velocity: Array, start: Array, extrapolate: bool, gain: Array, a
 
 
 @kernel(inline="always")
+def _solve_touching(parts: Parts, gravity: Vector, anew: bool, ahead: bool) -> tuple[int, int]:
+    """Write the velocities of the object and of the muscles that touch something; return OK or not, and Newton's steps.
+
+    Where a muscle asks for what it is like at the start, ``anew``, its masses and loads are found there.
+    """
+    state, system, contacts, work = parts.state, parts.system, parts.contacts, parts.work
+    island, fingers = work.equations.island, work.midpoint_known.shape[0]
+    muscles, rows, size, iterations = state.shape.shape[0], state.velocity.shape[0], contacts.coordinates, 0
+    if anew:
+        start = work.touch_room
+        masses_and_loads(system.rod, work.touch_motion, gravity, start.work, start.mass, start.load)
+        _muscle_equations(system, work.theta, start)
+        _spread_equations(start.a, start.b, fingers, work.a, work.b)
+        _keep_masses(work.midpoint_known, island, start, work.room)
+    if rows > muscles and island[fingers] < 0:
+        if not _move_object_freely(state, work.start, system, work):
+            return NOT_FINITE, iterations
+    elif rows > muscles:
+        _object_equations(state, work.start, system, 0.0, work.rotation, work.middle, work.a, work.b)
+    for body in range(fingers + 1 if contacts.count[0] > 0 else 0):
+        if ahead and island[body] >= 0:
+            for i in range(body * size, (body + 1) * size if body < fingers else rows):
+                state.velocity[i] += work.ahead[i]
+    for body in range(fingers + 1 if contacts.count[0] > 0 else 0):
+        if island[body] == body:
+            left, count = solve_contacts(
+                work.a, work.b, state.velocity, body, system.step_s, system.laws, contacts, work.equations
+            )
+            iterations = max(iterations, count)
+            if not left < SOLVED_M_S:
+                return NOT_SOLVED, iterations
+    return OK, iterations
+
+
+@kernel(inline="always")
+def _solve_free(parts: Parts, gravity: Vector) -> int:
+    """Write the velocities of the muscles that touch nothing, sweep by sweep; return OK or what went wrong."""
+    state, system, work = parts.state, parts.system, parts.work
+    room, island = work.room, work.equations.island
+    if parts.contacts.count[0] > 0:
+        _take_lanes(state.velocity, room.velocity, work.midpoint_known.shape[0])
+    for sweep in range(system.sweeps):
+        if sweep > 0:
+            _move_muscles(system, 0.5, work.motion, room)
+            masses_and_loads(system.rod, work.motion, gravity, room.work, room.mass, room.load)
+        _muscle_equations(system, work.theta, room)
+        solved, changed = _solve_muscles(room, island, state.velocity)
+        if not solved:
+            return NOT_FINITE
+        if changed < FOUND_RAD_S:
+            break
+    return OK
+
+
+@kernel(inline="always")
 def _find_velocities(parts: Parts, heights: Array, rates: Array, step: int, ahead: bool) -> tuple[int, int]:
     """Write the velocities after a sub-step; return OK or what went wrong, and Newton's steps.
 
@@ -715,11 +772,10 @@ def _find_velocities(parts: Parts, heights: Array, rates: Array, step: int, ahea
     what the step before saw at its midpoint, later ones are at the midpoint that the one before found. If then
     something moved farther than what was looked for, all is done again with a wider look.
     """
-    state, drive, system, contacts, work = parts.state, parts.drive, parts.system, parts.contacts, parts.work
-    around, island, known = system.surroundings, work.equations.island, work.midpoint_known
-    muscles, rows, fingers, size = state.shape.shape[0], state.velocity.shape[0], known.shape[0], contacts.coordinates
-    lift, hand, iterations = heights[step], rates[step + 1], 0
-    _drive_lanes(drive, (step + 0.5) / (heights.shape[0] - 1), system.rod, work.room)
+    state, system, contacts, work = parts.state, parts.system, parts.contacts, parts.work
+    island, known, iterations = work.equations.island, work.midpoint_known, 0
+    lift, hand, radius = heights[step], rates[step + 1], system.rod.radius
+    _drive_lanes(parts.drive, (step + 0.5) / (heights.shape[0] - 1), system.rod, work.room)
     gravity = (
         system.gravity[0],
         system.gravity[1],
@@ -728,61 +784,29 @@ def _find_velocities(parts: Parts, heights: Array, rates: Array, step: int, ahea
     pull = max(system.step_s * system.step_s * norm(gravity) - SEEN_LATE_M, 0.0)
     reach = pull + 1.5 * (work.way[0] + abs(system.step_s * hand))
     for _ in range(LOOKS):
-        near = _near(parts, lift, max(reach, system.rod.radius) + work.way[0])
+        near = _near(parts, lift, max(reach, radius) + work.way[0])
         _let_go(island, work.theta, contacts)
-        for i in range(rows):
+        for i in range(state.velocity.shape[0]):
             state.velocity[i] = work.start[i]
-        for sweep in range(-1, system.sweeps):
-            first, more = sweep < 0, sweep > 0
-            motion = work.touch_motion if first else work.motion
-            room = work.touch_room if first else work.room
-            if more or (first and (near or not _all_known(known, island))):
-                _move_muscles(system, 0.5 if more else 0.0, motion, room)
-            if first and (near or around.shape >= 0):
-                outlook = Outlook(system.step_s, reach, pull, work.start, muscles, work.rates)
-                _touch(state, system, lift, hand, near, outlook, work, contacts)
-            anew = first and not _all_known(known, island)
-            if more or anew:
-                masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
-            if anew or not first:
-                _muscle_equations(system, work.theta, room)
-            if not first:
-                solved, changed = _solve_muscles(room, island, state.velocity)
-                if not solved:
-                    return NOT_FINITE, iterations
-                if changed < FOUND_RAD_S:
-                    break
-                continue
-            if anew:
-                _spread_equations(room.a, room.b, fingers, work.a, work.b)
-                _keep_masses(known, island, room, work.room)
-            if rows > muscles and island[fingers] < 0:
-                if not _move_object_freely(state, work.start, system, work):
-                    return NOT_FINITE, iterations
-            elif rows > muscles:
-                _object_equations(state, work.start, system, 0.0, work.rotation, work.middle, work.a, work.b)
-            for i in range(rows if ahead else 0):
-                if island[min(i // size, fingers)] >= 0:
-                    state.velocity[i] += work.ahead[i]
-            for body in range(fingers + 1):
-                if island[body] == body:
-                    left, count = solve_contacts(
-                        work.a, work.b, state.velocity, body, system.step_s, system.laws, contacts, work.equations
-                    )
-                    iterations = max(iterations, count)
-                    if not left < SOLVED_M_S:
-                        return NOT_SOLVED, iterations
-            if _all_touch(island):
-                break
-            _take_lanes(state.velocity, work.room.velocity, fingers)
+        if near or not _all_known(known, island):
+            _move_muscles(system, 0.0, work.touch_motion, work.touch_room)
+        if near or system.surroundings.shape >= 0:
+            outlook = Outlook(system.step_s, reach, pull, work.start, state.shape.shape[0], work.rates)
+            _touch(state, system, lift, hand, near, outlook, work, contacts)
+        answer, count = _solve_touching(parts, gravity, not _all_known(known, island), ahead)
+        iterations = max(iterations, count)
+        if answer == OK and not _all_touch(island):
+            answer = _solve_free(parts, gravity)
+        if answer != OK:
+            return answer, iterations
         work.way[0] = _farthest(state, work.start, system, work.theta, hand)
-        if work.way[0] <= max(reach, system.rod.radius):
+        if work.way[0] <= max(reach, radius):
             break
         reach = 1.1 * work.way[0]
         pull = reach
-    for f in range(fingers):
+    for f in range(known.shape[0]):
         known[f] = island[f] < 0
-    return TOO_DEEP if _too_deep(system.step_s, system.rod.radius, contacts) else OK, iterations
+    return TOO_DEEP if _too_deep(system.step_s, radius, contacts) else OK, iterations
 
 
 @kernel(inline="always")
