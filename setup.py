@@ -90,7 +90,7 @@ setup(
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={PACKAGE: ["py.typed"]},
     data_files=shared_files(),
-    python_requires=">=3.11",
+    python_requires=">=3.10",
     install_requires=["setuptools", "numpy", "scipy", "numba", "opencv-python-headless", "pyyaml"],
     # Where ROS 2 is installed by the system, rclpy comes with it; elsewhere it comes as wheels: pip install .[ros]
     extras_require={
@@ -106,8 +106,8 @@ setup(
     zip_safe=True,
     entry_points={
         "console_scripts": [
-            f"mbpam = {PACKAGE}.commands.mbpam:main",
-            *(f"mbpam_{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
+            f"mbpam = {PACKAGE}.commands.start:mbpam",
+            *(f"mbpam_{node} = {PACKAGE}.nodes.start:{node}" for node in NODES),
         ]
     },
 )

@@ -8,6 +8,7 @@ machine's cores is started. Where Dask is not installed, threads do the same.
 
 import dataclasses
 import itertools
+import logging
 import os
 import sys
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -32,7 +33,9 @@ def open_cluster(stack: ExitStack, scheduler: str | None) -> Executor:
         from distributed import Client, LocalCluster
     except ModuleNotFoundError:
         return stack.enter_context(ThreadPoolExecutor(os.cpu_count()))
-    address = scheduler or stack.enter_context(LocalCluster(threads_per_worker=1, dashboard_address="127.0.0.1:0"))
+    # Quiet: where workers take some seconds to end, on a busy machine, Dask warns of it.
+    quiet = {"silence_logs": logging.ERROR, "dashboard_address": "127.0.0.1:0"}
+    address = scheduler or stack.enter_context(LocalCluster(threads_per_worker=1, **quiet))
     return stack.enter_context(stack.enter_context(Client(address)).get_executor())
 
 

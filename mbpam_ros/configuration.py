@@ -11,34 +11,25 @@ import dataclasses
 import math
 import os
 import re
+import reprlib
 import types
 import typing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import yaml
-
+from mbpam_ros import bounded_yaml
 from mbpam_ros.errors import MbpamError
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 PACKAGE = "mbpam_ros"
+LARGEST_NUMBER = 1e12
+"""No length, pressure, modulus, time or count of a gripper is larger; squares and cubes of it are still finite."""
+
 DIRECTORY_VARIABLE = "MBPAM_CONFIG_DIR"
 
 Config = TypeVar("Config", bound="DataclassInstance")
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML's safe loader, but for keys that stand twice: YAML forbids them, PyYAML lets the last one win."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        names = [key.value for key, _ in node.value]
-        for key, _ in node.value:
-            if names.count(key.value) > 1:
-                raise yaml.constructor.ConstructorError(None, None, f"key {key.value} stands twice", key.start_mark)
-        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
-        return mapping
 
 
 class ConfigError(MbpamError, ValueError):
@@ -84,13 +75,16 @@ def load_yaml(name: str | Path) -> dict[str, Any]:
     """Read a YAML file that holds a mapping.
 
     Raises:
-        ConfigError: the file is missing or unreadable, is not YAML, or is not a mapping.
+        ConfigError: the file is missing or unreadable, is not YAML or is more than a configuration may be
+            (:mod:`~mbpam_ros.bounded_yaml`), or is not a mapping.
     """
     path = config_path(name)
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), _Loader)  # a safe loader
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not valid YAML: {error}") from error
+        content = bounded_yaml.parse(path.read_text(encoding="utf-8"))
+    except bounded_yaml.YamlError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not valid YAML: not text in UTF-8") from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     if not isinstance(content, dict):
@@ -181,13 +175,13 @@ def _convert(expected: Any, value: Any, where: str) -> Any:
         return _convert(next(item for item in arguments if item is not type(None)), value, where)
     if origin is typing.Literal:
         if value not in arguments:
-            raise ConfigError(f"{where}: {value!r} is not one of {', '.join(map(str, arguments))}")
+            raise ConfigError(f"{where}: {_shown(value)} is not one of {', '.join(map(str, arguments))}")
         return value
     if isinstance(expected, type) and dataclasses.is_dataclass(expected):
         return value if isinstance(value, expected) else parse_config(expected, value, where)
     if origin is dict:
         if not isinstance(value, dict):
-            raise ConfigError(f"{where}: expected a mapping, found {value!r}")
+            raise ConfigError(f"{where}: expected a mapping, found {_shown(value)}")
         return {str(key): _convert(arguments[1], item, f"{where}: {key}") for key, item in value.items()}
     if origin is tuple:
         return _convert_tuple(arguments, value, where)
@@ -196,7 +190,7 @@ def _convert(expected: Any, value: Any, where: str) -> Any:
 
 def _convert_tuple(arguments: tuple[Any, ...], value: Any, where: str) -> tuple[Any, ...]:
     if not isinstance(value, list):
-        raise ConfigError(f"{where}: expected a list, found {value!r}")
+        raise ConfigError(f"{where}: expected a list, found {_shown(value)}")
     if len(arguments) == 2 and arguments[1] is Ellipsis:
         arguments = (arguments[0],) * len(value)
     if len(value) != len(arguments):
@@ -207,17 +201,20 @@ def _convert_tuple(arguments: tuple[Any, ...], value: Any, where: str) -> tuple[
 
 def _convert_scalar(expected: type, value: Any, where: str) -> Any:
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if is_number and value in (math.inf, -math.inf) or value != value:
+        raise ConfigError(f"{where}: expected a finite number, found {value}")
+    if is_number and abs(value) > LARGEST_NUMBER:
+        raise ConfigError(f"{where}: expected a number up to {LARGEST_NUMBER:g}, found {_shown(value)}")
     if expected is float and is_number:
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-        if not math.isfinite(number):
-            raise ConfigError(f"{where}: expected a finite number, found {value}")
-        return number
+        return float(value)
     if expected is int and isinstance(value, bool) or not isinstance(value, expected):
         hint = ""
         if expected is float and isinstance(value, str) and re.fullmatch(r"[-+]?[0-9.]+[eE][0-9]+", value):
             hint = f"; YAML reads it as text, write {value.lower().replace('e', 'e+')} with a point"
-        raise ConfigError(f"{where}: expected {expected.__name__}, found {value!r}{hint}")
+        raise ConfigError(f"{where}: expected {expected.__name__}, found {_shown(value)}{hint}")
     return value
+
+
+def _shown(value: object) -> str:
+    """Return the value as in Python, shortened so that it stays one line."""
+    return reprlib.repr(value)

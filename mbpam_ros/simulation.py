@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import nullcontext
+from typing import TypeVar
 
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.errors import MbpamError
-from mbpam_ros.grasp.arbitration import Arbiter, Decision, GraspConfig, load_grasp_config
+from mbpam_ros.grasp.arbitration import Arbiter, Decision, GraspConfig, Phase, load_grasp_config
 from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
 from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
 from mbpam_ros.gripper import Gripper, load_gripper
@@ -28,9 +32,34 @@ from mbpam_ros.pneumatics.sensing import PressureSensing
 TICK_S = 0.01
 """Period of sensing, arbitration and valves: the nodes' 100 Hz."""
 
+Result = TypeVar("Result")
+Value = TypeVar("Value")
+
+_SETTLED_S, _HELD_S = 0.3, 1.0
+
+
+class BatchError(MbpamError, ValueError):
+    """Scenes and what is asked of each that do not fit together. Nothing was run."""
+
 
 class SimulationTimeError(MbpamError, RuntimeError):
     """A duration that is no whole number of ticks, or something awaited that did not come in time."""
+
+
+def grasp_and_lift(simulation: Simulation) -> Observation:
+    """Rest, close upon the object that is seen, lift if it is held, stay for a second; return what there is then.
+
+    Raises:
+        PlantDivergedError: the plant left what can be.
+    """
+    simulation.run(_SETTLED_S)
+    simulation.grasp()
+    while simulation.decision.phase is Phase.CLOSING:  # the arbiter's own time limit ends it
+        simulation.tick()
+    if simulation.decision.phase is Phase.HOLDING:
+        simulation.lift()
+        simulation.run(math.ceil(round(simulation.scene.lift.duration_s / TICK_S, 6)) * TICK_S)
+    return simulation.run(_HELD_S)
 
 
 class Simulation:
@@ -47,6 +76,7 @@ class Simulation:
     Attributes:
         seen: what there is after the last tick.
         decision: what the arbiter has decided last.
+        scene: what is there.
 
     Raises:
         ConfigError: a file is wrong, no plan fits, or the grip pressure is above the gripper's limit.
@@ -63,7 +93,7 @@ class Simulation:
     ) -> None:
         scene, request = load_scene(scene) if isinstance(scene, str) else (scene, FidelityRequest())
         gripper = load_gripper() if gripper is None else gripper
-        self._object = scene.object
+        self.scene = scene
         pneumatics = load_pneumatics()
         limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
         self._arbiter = _arbiter(gripper, load_grasp_config(), grip_pressure_gauge_pa)
@@ -121,6 +151,53 @@ class Simulation:
             self.tick()
         return self.seen
 
+    @classmethod
+    def batch(
+        cls,
+        scenes: Iterable[Scene | str],
+        program: Callable[[Simulation], Result] = grasp_and_lift,  # type: ignore[assignment]
+        *,
+        fidelity: Fidelity | FidelityRequest | None = None,
+        gripper: Gripper | None = None,
+        grip_pressure_gauge_pa: float | Sequence[float | None] | None = None,
+        seed: int | Sequence[int] = 0,
+        workers: int | None = None,
+        executor: Executor | None = None,
+    ) -> list[Result]:
+        """Run a program in each of many scenes side by side, and return what it returns, in their order.
+
+        Each runs in a simulation of its own and gives the same bits as alone.
+
+        Args:
+            scenes: what is there, or names, as for one simulation: sweeps of friction, mass, pose.
+            program: is given each simulation, reset. For processes and Dask a function
+                of a module, and what it returns must be plain enough to be sent back.
+            fidelity, gripper: as for one simulation.
+            grip_pressure_gauge_pa, seed: likewise, for all scenes or one for each.
+            workers: threads; none for one a core. The compiled steps run side by side, the Python around them does not:
+                processes or a cluster gain more where steps are few and cheap.
+            executor: runs the scenes instead of threads: a ``ProcessPoolExecutor``, a Dask client's ``get_executor()``,
+                or what :func:`mbpam_ros.study.executors.open_executor` gives.
+
+        Raises:
+            BatchError: no worker, or not as many pressures or seeds as scenes.
+            MbpamError: the first in the order of the scenes of what a simulation or the program raised; scenes that had
+                not begun are not run.
+        """
+        there = list(scenes)
+        pressures = _one_each("grip_pressure_gauge_pa", grip_pressure_gauge_pa, len(there))
+        seeds = _one_each("seed", seed, len(there))
+        with _threads(workers) if executor is None else nullcontext(executor) as runs:
+            futures = [
+                runs.submit(_run_program, program, cls, scene, fidelity, gripper, pressure, each)
+                for scene, pressure, each in zip(there, pressures, seeds, strict=True)
+            ]
+            try:
+                return [future.result() for future in futures]
+            finally:
+                for future in futures:
+                    future.cancel()
+
     # What an operator asks for; what comes of it is in ``decision``.
 
     def grasp(self, mode: str | None = None) -> Answer:
@@ -156,7 +233,7 @@ class Simulation:
         return answer
 
     def _in_view(self) -> list[DetectedObject]:
-        pose, seen = self.seen.object_in_gripper, self._object
+        pose, seen = self.seen.object_in_gripper, self.scene.object
         if pose is None or seen is None:
             return []
         return [
@@ -169,6 +246,34 @@ class Simulation:
                 confidence=1.0,
             )
         ]
+
+
+def _run_program(
+    program: Callable[[Simulation], Result],
+    kind: type[Simulation],
+    scene: Scene | str,
+    fidelity: Fidelity | FidelityRequest | None,
+    gripper: Gripper | None,
+    grip_pressure_gauge_pa: float | None,
+    seed: int,
+) -> Result:
+    return program(kind(scene, fidelity, gripper, grip_pressure_gauge_pa, seed))
+
+
+def _threads(workers: int | None) -> ThreadPoolExecutor:
+    count = len(os.sched_getaffinity(0)) if workers is None else workers
+    if count < 1:
+        raise BatchError(f"there must be at least 1 worker, found {count}")
+    return ThreadPoolExecutor(count)
+
+
+def _one_each(name: str, given: Value | Sequence[Value], count: int) -> list[Value]:
+    """Return a value for each scene."""
+    if not isinstance(given, Sequence):
+        return [given] * count
+    if len(given) != count:
+        raise BatchError(f"{name}: one for all scenes, or one for each of the {count}, found {len(given)}")
+    return list(given)
 
 
 def _arbiter(gripper: Gripper, grasp: GraspConfig, grip_pressure_gauge_pa: float | None) -> Arbiter:

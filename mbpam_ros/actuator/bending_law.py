@@ -151,6 +151,11 @@ class CellLaw:
         samples = getattr(self, name)
         return None if samples is None else self._at_free_bend(samples)
 
+    @property
+    def straight_side_stiffness_n_m2(self) -> NDArray[np.float64] | None:
+        """Stiffness against bending across the plane of the bend when held straight, shape (n,); None: not known."""
+        return None if self.side_stiffness_n_m2 is None else self.side_stiffness_n_m2[:, self._straight]
+
     def _at_free_bend(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
         bends = zip(samples, self.free_curvature_per_m, strict=True)
         return np.array([float(PchipInterpolator(self.curvature_per_m, row)(bend)) for row, bend in bends])

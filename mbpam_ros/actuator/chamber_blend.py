@@ -23,8 +23,9 @@ class BlendTables(NamedTuple):
 
     Args:
         step_pa: of the uniform grid, which starts at 0 gauge.
-        rows: on the grid, shape (n, 4): the moment of a chamber alone [N m]; its gain by a neighbour's pressure
-            [N m/Pa]; mean and half difference of what it adds to the stiffness along and across it [N m2].
+        rows: on the grid, shape (n, 5): the moment of a chamber alone [N m]; its gain by another's pressure [N m/Pa];
+            mean and half difference of what it adds to the logarithm of the stiffness along and across it; that mean's
+            gain by a neighbour's pressure [1/Pa].
         rest_stiffness_n_m2: stiffness without pressure.
     """
 
@@ -60,9 +61,9 @@ def blend(pressure_gauge_pa: Array, tables: BlendTables) -> tuple[Array, Array]:
     count, last = pressure_gauge_pa.shape[0], tables.rows.shape[0] - 2
     end_pa = (last + 1) * tables.step_pa
     moment, stiffness = np.full((count, 2), np.nan), np.full(count, np.nan)
-    pressure, push, looked_up = np.empty(4), np.empty(4), np.empty((4, 4))
+    pressure, push, looked_up = np.empty(4), np.empty(4), np.empty((5, 4))
     # The columns of the tables, a number for each chamber.
-    alone, gain, mean, half_difference = looked_up[0], looked_up[1], looked_up[2], looked_up[3]
+    alone, gain, mean, half_difference, rise = looked_up[0], looked_up[1], looked_up[2], looked_up[3], looked_up[4]
     for row in range(count):
         if np.isnan(pressure_gauge_pa[row]).any():
             continue
@@ -70,7 +71,7 @@ def blend(pressure_gauge_pa: Array, tables: BlendTables) -> tuple[Array, Array]:
             pressure[chamber] = max(pressure_gauge_pa[row, chamber], 0.0)
             place = min(pressure[chamber], end_pa) / tables.step_pa
             index = min(int(place), last)
-            for column in range(4):
+            for column in range(5):
                 low, high = tables.rows[index, column], tables.rows[index + 1, column]
                 looked_up[column, chamber] = low + (place - index) * (high - low)
         for chamber in range(4):
@@ -79,6 +80,7 @@ def blend(pressure_gauge_pa: Array, tables: BlendTables) -> tuple[Array, Array]:
             after = min(pressure[chamber], pressure[(chamber + 1) % 4])
             shared = before + after + across if gain[chamber] > 0.0 else max(max(before, after), across)
             push[chamber] = alone[chamber] + gain[chamber] * shared
+            mean[chamber] += rise[chamber] * (before + after)
         # Along the diagonals at azimuth 45 and 135 deg.
         first, second = push[2] - push[0], push[3] - push[1]
         moment[row, 0] = _ROOT_HALF * (first - second)
@@ -87,9 +89,9 @@ def blend(pressure_gauge_pa: Array, tables: BlendTables) -> tuple[Array, Array]:
         cancelled = min(alone[0], alone[2]) ** 2 + min(alone[1], alone[3]) ** 2
         size = first**2 + second**2 + cancelled
         double_cosine = (first**2 - second**2) / size if size > 0.0 else 0.0
-        rise = (mean[0] + mean[2]) + (mean[1] + mean[3])
+        log_rise = (mean[0] + mean[2]) + (mean[1] + mean[3])
         anisotropy = (half_difference[0] + half_difference[2]) - (half_difference[1] + half_difference[3])
-        stiffness[row] = tables.rest_stiffness_n_m2 + rise + anisotropy * double_cosine
+        stiffness[row] = tables.rest_stiffness_n_m2 * math.exp(log_rise + anisotropy * double_cosine)
     return moment, stiffness
 
 
@@ -141,6 +143,27 @@ def blend_curve(pressure_gauge_pa: Array, step_pa: float, rows: Array) -> tuple[
         sided = size / (size + cancelled) if size > 0.0 else 0.0
         side[row] = sided * ((share[1, 0] + share[1, 2]) + (share[1, 1] + share[1, 3]))
     return stiffening, side
+
+
+@njit(cache=True)
+def blend_joint(pressure_gauge_pa: Array, step_pa: float, rows: Array) -> Array:
+    """Return turn in bend components [rad], length, shift [m] and compliance of an end's joint, and 1 / GA, shape (7,).
+
+    Args:
+        pressure_gauge_pa: shape (4,); NaN where a pressure is NaN.
+        step_pa: of the uniform grid, which starts at 0 gauge.
+        rows: on the grid, shape (n, 10): turn, length, shift of a chamber alone, and what it adds to the compliances;
+            then their gains by a neighbour's pressure.
+    """
+    joint, share = np.full(7, np.nan), np.empty((5, 4))
+    if not np.isnan(pressure_gauge_pa).any():
+        _share_out(pressure_gauge_pa, step_pa, rows, share)
+        joint[0], joint[1] = _away(share[0])
+        joint[2] = (share[1, 0] + share[1, 2]) + (share[1, 1] + share[1, 3])
+        joint[3], joint[4] = _away(share[2])
+        joint[5] = (share[3, 0] + share[3, 2]) + (share[3, 1] + share[3, 3])
+        joint[6] = (share[4, 0] + share[4, 2]) + (share[4, 1] + share[4, 3])
+    return joint
 
 
 @njit(cache=True)

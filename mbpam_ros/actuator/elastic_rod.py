@@ -1,20 +1,21 @@
-r"""The muscle at rest as a spatial Kirchhoff rod that bends, stretches and twists, under gravity and loads on its tip.
+r"""The muscle at rest as a spatial rod that bends, stretches and twists, under gravity and loads on its tip.
 
 Clamped at the origin of the muscle frame, z along the straight muscle; an end of length d, straight and rigid but
 where another one is asked for, an active part of unstretched length L, another end. With s the unstretched length from
 the clamp, l = L + 2 d, R(s) the rotation of the section (third column t: the axis), n and m the force and moment that
 what lies beyond exerts, and w the weight per length as a vector,
 
-    R' = R [u]x,   u = (-b_y, b_x, tau),   r' = (1 + epsilon) t,
+    R' = R [u]x,   u = (-b_y, b_x, tau),   r' = (1 + epsilon) t + gamma,
     n = F + w (l - s),   m' = -r' x n,   m(l) = T t,
 
 where b are the curvature's bend components. F is a dead force at the centre of the tip's end face, T a torque about
 the tip's current axis. From the law (:mod:`~mbpam_ros.actuator.rod_law`), with N = n . t and (m_1, m_2, m_3) = R^T m,
 
-    B b = M0 + N c + (m_2, -m_1),   epsilon = epsilon_0 + c . b + N / EA,   tau = m_3 / GJ,
+    B b = M0 + N c + (m_2, -m_1),   epsilon = epsilon_0 + c . b + N / EA,   tau = m_3 / GJ,   gamma = (n - N t) / GA,
 
-so no unknown is left inside. A strain that is left out is 0, and N c with the stretch. Where the law's curve is asked
-for instead of its line, the right side's component e along M0 and the one across it give
+so no unknown is left inside. It is a Kirchhoff rod, gamma = 0, but where the section says how it is sheared. A strain
+that is left out is 0, and N c with the stretch. Where the law's curve is asked for instead of its line, the right
+side's component e along M0 and the one across it give
 
     b_along = 2 e / (K + sqrt(K^2 + 4 Q e)),   K = B - Q kappa_free,   b_across = e_across / (B + S).
 
@@ -23,6 +24,10 @@ quaternions, fourth order), the clamp's must come out as none. Newton's method i
 differences; without loads the clamp turns exactly as the tip does. Marching is explicit, accurate for steps far below
 the length on which loads bend the rod, sqrt(B / F) and (B / w)^(1/3), some 0.1 m against 0.004 m: the tip is
 off by 5e-7 of L at 100 kPa under a force of 0.06 N, a torque of 2 N mm and tilted gravity.
+
+Where an end meets the waves, a joint may stand for what the end does to them (:mod:`~mbpam_ros.actuator.end_law`): at
+the clamp's end, from the end on, a length along the end's axis, a turn, then a shift across the waves' axis; at the
+tip's the mirror image, in reverse order.
 
 Where several equilibria exist, the one returned is that which the unloaded muscle comes to when its weight is raised
 first and the loads on its tip after it. Each level is reached with Newton steps that turn the tip by no more than
@@ -44,13 +49,11 @@ from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.actuator.planar_rod import RodSolutionError
 from mbpam_ros.actuator.rod_law import RodLaw, StrainLaw
+from mbpam_ros.actuator.strains import STRAINS, check_strains
 from mbpam_ros.geometry import rotations
 
 Array = NDArray[np.float64]
 Quaternion = rotations.Quaternion
-
-STRAINS = ("bend", "stretch", "twist")
-"""What a rod may do. It always bends."""
 
 BENDINGS = ("line", "curve")
 """How the bending moment follows the curvature: as the plant's, or as the unit cell's within 1 % of M0."""
@@ -67,6 +70,8 @@ FREE_STEPS = 12
 HANGING = (0.0, 0.0, GRAVITY_M_S2)
 """Gravity of a muscle that hangs from its clamp, in the muscle frame [m/s2]."""
 
+_JOINT_PASSES = 3
+"""What is left of a joint's turn is its cube's part: below 1e-6 rad."""
 _NUDGE_RAD = 1e-6
 _LAST_TURN_RAD = 1e-6
 """Newton's error after a turn this small is below 1e-10 rad."""
@@ -87,6 +92,7 @@ class RodSection(NamedTuple):
         axial_compliance_per_n: 1 / EA; 0: it cannot be pulled longer.
         torsion_compliance_per_n_m2: 1 / GJ; 0: it cannot twist.
         stiffening_n_m3, side_n_m2: Q and S; 0: the bending moment is a line.
+        shear_compliance_per_n: 1 / GA, the same all around; 0: sections stay across the axis.
     """
 
     moment_x_n_m: float
@@ -99,10 +105,34 @@ class RodSection(NamedTuple):
     torsion_compliance_per_n_m2: float = 0.0
     stiffening_n_m3: float = 0.0
     side_n_m2: float = 0.0
+    shear_compliance_per_n: float = 0.0
 
 
 RIGID = RodSection(0.0, 0.0, math.inf)
 """A section that does nothing."""
+
+
+class EndJoint(NamedTuple):
+    """What an end adds to the rod where it meets the active part; alike at both ends.
+
+    Args:
+        turn_x_rad, turn_y_rad: of the axis, in bend components.
+        length_m: of the axis.
+        shift_x_m, shift_y_m: of the active part's axis from the end's, in the directions of the bend components.
+        compliance_per_n_m: what a bending moment adds to the turn [rad/(N m)]; below 0 where the end is stiffer than
+            its section says.
+    """
+
+    turn_x_rad: float = 0.0
+    turn_y_rad: float = 0.0
+    length_m: float = 0.0
+    shift_x_m: float = 0.0
+    shift_y_m: float = 0.0
+    compliance_per_n_m: float = 0.0
+
+
+NO_JOINT = EndJoint()
+"""The active part goes on into the ends."""
 
 
 @dataclass(frozen=True)
@@ -202,7 +232,7 @@ def _known_strains(law: RodLaw, pressure_gauge_pa: ArrayLike, strains: Sequence[
 
 
 def _section_rows(moment_n_m: Array, stiffness_n_m2: Array, of: StrainLaw | None, strains: Sequence[str]) -> Array:
-    """Fields of :class:`RodSection` in the last axis, shape (..., 10): a line, and 0 for what ``strains`` leave out."""
+    """Fields of :class:`RodSection` in the last axis, shape (..., 11): a line, and 0 for what ``strains`` leave out."""
     rows = np.zeros((*stiffness_n_m2.shape, len(RodSection._fields)))
     rows[..., :2], rows[..., 2] = moment_n_m, stiffness_n_m2
     if of is not None and "stretch" in strains:
@@ -211,18 +241,6 @@ def _section_rows(moment_n_m: Array, stiffness_n_m2: Array, of: StrainLaw | None
     if of is not None and "twist" in strains:
         rows[..., 7] = 1.0 / of.torsion_stiffness_n_m2
     return rows
-
-
-def check_strains(strains: Sequence[str]) -> None:
-    """Check that all strains are known, each is there once, and ``bend`` among them.
-
-    Raises:
-        ValueError: they are not.
-    """
-    if "bend" not in strains or len(set(strains)) != len(strains) or not set(strains) <= set(STRAINS):
-        raise ValueError(
-            f"strains must be some of {', '.join(STRAINS)}, bend always, found {', '.join(strains) or 'none'}"
-        )
 
 
 def solid_end(shear_modulus_pa: float, geometry: MuscleGeometry) -> RodSection:
@@ -243,6 +261,7 @@ def rod_at_rest(
     loads: RodLoads | None = None,
     steps: int = STEPS,
     ends: RodSection = RIGID,
+    joint: EndJoint = NO_JOINT,
 ) -> RodAtRest:
     """Return the equilibrium that the unloaded rod comes to as ``loads`` (default: hanging) are raised.
 
@@ -252,14 +271,15 @@ def rod_at_rest(
         loads: on it.
         steps: along the active part.
         ends: section of the two ends.
+        joint: between each of them and the active part.
 
     Raises:
         RodSolutionError: the equilibrium was lost on the way; the message says where.
     """
     of = loads if loads is not None else RodLoads()
-    sections = _Sections(RodSection(*map(float, section)), RodSection(*map(float, ends)))
+    sections = _Sections(RodSection(*map(float, section)), RodSection(*map(float, ends)), EndJoint(*map(float, joint)))
     shape, points = _shape(geometry), np.empty((steps + 2 * END_STEPS + 1, 3))
-    tip, nothing = _unloaded_tip(section, shape), np.zeros(7)
+    tip, nothing = _unloaded_tip(section, shape, joint), np.zeros(7)
     weight, everything = (_packed(of, geometry, share) for share in (0.0, 1.0))
     for name, before, after in (("weight", nothing, weight), ("loads on its tip", weight, everything)):
         reached, tip = _followed(tip, sections, before, after, shape, points)
@@ -345,10 +365,11 @@ def _three(values: Sequence[float]) -> tuple[float, float, float]:
 
 
 class _Sections(NamedTuple):
-    """Of the active part and of the ends."""
+    """Of the active part and of the ends, and what is between them."""
 
     active: RodSection
     ends: RodSection
+    joint: EndJoint
 
 
 class _Shape(NamedTuple):
@@ -371,9 +392,12 @@ def _packed(loads: RodLoads, geometry: MuscleGeometry, tip_share: float) -> Arra
     return packed
 
 
-def _unloaded_tip(section: RodSection, shape: _Shape) -> Quaternion:
+def _unloaded_tip(section: RodSection, shape: _Shape, joint: EndJoint) -> Quaternion:
     turned = shape.active_m / section.stiffness_n_m2
-    return _turn(-turned * section.moment_y_n_m, turned * section.moment_x_n_m, 0.0)
+    bent = _turn(-turned * section.moment_y_n_m, turned * section.moment_x_n_m, 0.0)
+    at_end = _turn(-joint.turn_y_rad, joint.turn_x_rad, 0.0)
+    tip: Quaternion = _product(_product(at_end, bent), at_end)
+    return tip
 
 
 _product = njit(cache=True)(rotations.product)
@@ -428,11 +452,61 @@ def _slopes(state: Array, beyond_m: float, section: RodSection, loads: Array, sl
     slopes[1] = 0.5 * (w * bend_x - z * bend_y - x * twist)
     slopes[2] = 0.5 * (w * twist + x * bend_x + y * bend_y)
     slopes[3] = 0.5 * (x * bend_y - y * bend_x - z * twist)
-    slopes[4] = -stretch * (t1 * n2 - t2 * n1)
-    slopes[5] = -stretch * (t2 * n0 - t0 * n2)
-    slopes[6] = -stretch * (t0 * n1 - t1 * n0)
-    slopes[7], slopes[8], slopes[9] = stretch * t0, stretch * t1, stretch * t2
+    shear = section.shear_compliance_per_n
+    along = stretch - shear * pull
+    slopes[7], slopes[8], slopes[9] = along * t0 + shear * n0, along * t1 + shear * n1, along * t2 + shear * n2
+    slopes[4] = -along * (t1 * n2 - t2 * n1)  # what shears is along n
+    slopes[5] = -along * (t2 * n0 - t0 * n2)
+    slopes[6] = -along * (t0 * n1 - t1 * n0)
     slopes[10], slopes[11] = bend_x, bend_y
+
+
+@njit(cache=True)
+def _pass_joint(state: Array, beyond_m: float, joint: EndJoint, loads: Array, is_tip: bool) -> None:
+    """Step over a joint toward the clamp, ``beyond_m`` before the tip's end face."""
+    force = (loads[3] + beyond_m * loads[0], loads[4] + beyond_m * loads[1], loads[5] + beyond_m * loads[2])
+    if is_tip:
+        _step_back(state, (0.0, 0.0, joint.length_m), force)
+        _turn_back(state, joint)
+        _step_back(state, (-joint.shift_x_m, -joint.shift_y_m, 0.0), force)
+    else:
+        _step_back(state, (joint.shift_x_m, joint.shift_y_m, 0.0), force)
+        _turn_back(state, joint)
+        _step_back(state, (0.0, 0.0, joint.length_m), force)
+
+
+@njit(cache=True)
+def _step_back(state: Array, way: tuple[float, float, float], force: tuple[float, float, float]) -> None:
+    """Step over a rigid way in the section's axes, on which ``force`` acts from beyond."""
+    x, y, z, w = state[0], state[1], state[2], state[3]
+    u, v, t = way
+    way_0 = (1.0 - 2.0 * (y * y + z * z)) * u + 2.0 * (x * y - z * w) * v + 2.0 * (x * z + y * w) * t
+    way_1 = 2.0 * (x * y + z * w) * u + (1.0 - 2.0 * (x * x + z * z)) * v + 2.0 * (y * z - x * w) * t
+    way_2 = 2.0 * (x * z - y * w) * u + 2.0 * (y * z + x * w) * v + (1.0 - 2.0 * (x * x + y * y)) * t
+    state[4] += way_1 * force[2] - way_2 * force[1]
+    state[5] += way_2 * force[0] - way_0 * force[2]
+    state[6] += way_0 * force[1] - way_1 * force[0]
+    state[7] -= way_0
+    state[8] -= way_1
+    state[9] -= way_2
+
+
+@njit(cache=True)
+def _turn_back(state: Array, joint: EndJoint) -> None:
+    """Undo a joint's turn. Its energy has as its slope the moment in the section half way through it."""
+    tip = (state[0], state[1], state[2], state[3])
+    turn_x, turn_y = joint.turn_x_rad, joint.turn_y_rad
+    for _ in range(_JOINT_PASSES):
+        x, y, z, w = _product(tip, _turn(0.5 * turn_y, -0.5 * turn_x, 0.0))
+        first = (1.0 - 2.0 * (y * y + z * z)) * state[4] + 2.0 * (x * y + z * w) * state[5]
+        first += 2.0 * (x * z - y * w) * state[6]
+        second = 2.0 * (x * y - z * w) * state[4] + (1.0 - 2.0 * (x * x + z * z)) * state[5]
+        second += 2.0 * (y * z + x * w) * state[6]
+        turn_x = joint.turn_x_rad + joint.compliance_per_n_m * second
+        turn_y = joint.turn_y_rad - joint.compliance_per_n_m * first
+    state[0], state[1], state[2], state[3] = _product(tip, _turn(turn_y, -turn_x, 0.0))
+    state[10] -= turn_x
+    state[11] -= turn_y
 
 
 @njit(cache=True, error_model="numpy")
@@ -451,6 +525,10 @@ def _march(
     beyond = 0.0
     for index in range(last):
         is_end = index < END_STEPS or index >= last - END_STEPS
+        if index == END_STEPS:
+            _pass_joint(state, beyond, sections.joint, loads, True)
+        elif index == last - END_STEPS:
+            _pass_joint(state, beyond, sections.joint, loads, False)
         section = sections.ends if is_end else sections.active
         step = shape.end_m / END_STEPS if is_end else shape.active_m / (last - 2 * END_STEPS)
         _slopes(state, beyond, section, loads, slopes[0])
@@ -557,8 +635,8 @@ def _solved_near(
         if np.isnan(rows[i]).any() or np.isnan(near_bend_rad[i]).any():
             continue
         of = rows[i]
-        section = RodSection(of[0], of[1], of[2], of[3], of[4], of[5], of[6], of[7], of[8], of[9])
-        sections = _Sections(section, ends)
+        section = RodSection(of[0], of[1], of[2], of[3], of[4], of[5], of[6], of[7], of[8], of[9], of[10])
+        sections = _Sections(section, ends, NO_JOINT)
         found, tip = _solved(_turn(-near_bend_rad[i, 1], near_bend_rad[i, 0], 0.0), sections, loads, shape, points)
         if not found:
             turned = shape.active_m / section.stiffness_n_m2

@@ -2,7 +2,7 @@
 
 import sys
 
-from mbpam_ros.commands.mbpam import main
+from mbpam_ros.commands.start import mbpam
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(mbpam())

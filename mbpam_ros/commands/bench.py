@@ -30,6 +30,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
+from mbpam_ros.commands.workers import refuse_workers
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.interface import NODES
 from mbpam_ros.nodes.messages import joint_state
@@ -395,6 +396,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--window-s", type=float, default=3.0, help="length of a CPU window [s] (default 3)")
     parser.add_argument("--calls", type=int, default=320, help="service calls, and set-points (default 320)")
     parser.add_argument("--logs", type=Path, default=Path("report/bench"), metavar="DIR", help="output of the nodes")
+    refuse_workers(parser)
 
 
 def run(options: argparse.Namespace) -> int:

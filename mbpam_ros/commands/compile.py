@@ -16,6 +16,7 @@ from mbpam_ros.actuator.chambers import CHANNEL_COUNT
 from mbpam_ros.configuration import load_config
 from mbpam_ros.estimation.estimator import BendEstimator, EstimatorConfig
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.nodes.compiling import garbage_collected_seldom
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
 from mbpam_ros.pneumatics.config import load_pneumatics
@@ -48,7 +49,8 @@ class _Counter(event.Listener):
 
 def compile_all(progress: Progress) -> None:
     """Call every kernel once; what is not in the cache is compiled, and ``progress`` told how far that is."""
-    with event.install_listener("numba:compile", _Counter(progress)) as counter:
+    counter = _Counter(progress)
+    with garbage_collected_seldom(), event.install_listener("numba:compile", counter):
         for work in (_estimate, _flow, _move, _see):
             work()
     progress.say(str(counter) if counter.count else "all is compiled")

@@ -11,13 +11,15 @@ from __future__ import annotations
 import argparse
 import sys
 
+from mbpam_ros.commands.workers import refuse_workers
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.study.fidelity.absent_costs import REPEATS, S_PER_RUN, costs_text, measured_costs, variants
 from mbpam_ros.terminal import Progress, announce
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add none: what is compared is fixed."""
+    """Add the verb's arguments; what is compared is fixed."""
+    refuse_workers(parser)
 
 
 def run(_: argparse.Namespace) -> int:

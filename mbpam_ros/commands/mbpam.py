@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn, Protocol, cast
 
+from mbpam_ros.commands.interrupt import INTERRUPTED, interrupt_ends_it
 from mbpam_ros.commands.verb import Verb
 from mbpam_ros.errors import MbpamError
 
@@ -15,25 +16,24 @@ VERBS = (
     Verb("demo", "grasp and lift the paper's objects with six node processes", "demo"),
     Verb("plan", "how to compute a scene within a tolerance, and why", "plan"),
     Verb("trade", "what accuracy costs: measure the table that plans are made from", "trade", resumes=True),
+    Verb("judge-planner", "whether plans keep what they promise, on random scenes", "judge_planner", resumes=True),
     Verb("costs", "what each part of a scene costs, and that it costs nothing where it is absent", "costs"),
-    Verb("stability", "where the plant's steps are stable", "stability"),
+    Verb("stability", "where the plant's steps are stable", "stability", resumes=True),
     Verb(
         "grasps", "the least pressure that holds each of the paper's objects, and what holds it", "grasps", resumes=True
     ),
     Verb("peers", "CPU time at equal accuracy beside MuJoCo and PyElastica", "peers"),
     Verb("rod", "one muscle as a rod under loads in any posture, alone or beside finite elements", "rod"),
     Verb("fe", "the finite element muscle: beside the paper's, and the laws made from it", "fe"),
-    Verb("metamodels", "metamodels of the muscle beside each other and the paper's", "metamodels"),
-    Verb("sample", "where to run finite elements so that few samples tell most", "sample"),
-    Verb("optimise", "the designs that bend furthest and press hardest, and a compromise", "optimise"),
+    Verb("metamodels", "metamodels of the muscle beside each other and the paper's", "metamodels", resumes=True),
+    Verb("sample", "where to run finite elements so that few samples tell most", "sample", resumes=True),
+    Verb("optimise", "the designs that bend furthest and press hardest, and a compromise", "optimise", resumes=True),
     Verb("detect", "the objects in an image file: shape, size and place", "detect"),
     Verb("judge_detector", "how well objects are detected, on images drawn by MuJoCo and our own", "judge_detector"),
     Verb("compile", "compile all kernels ahead, so that no node does it when it starts", "compile"),
     Verb("bench", "CPU and latency of the running nodes, beside their budgets", "bench"),
     Verb("first-grasps", "how long the valves are left alone in the first grasp after a start", "first_grasps"),
 )
-
-INTERRUPTED = 130
 
 EXTRAS = {"rclpy": "ros", "domain_coordinator": "ros", "psutil": "bench", "mujoco": "bench", "felupe": "fem"}
 """Which extra of the package installs what a verb may miss."""
@@ -70,22 +70,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     program = "mbpam"
-    verb: Verb | None = None
+    keeps = False
     description: str | None = __doc__
     try:
         verbs: Sequence[Verb] = VERBS
         while True:
             verb = _chosen(program, description, verbs, given[:1])
             program, given = f"{program} {verb.name}", given[1:]
-            module = importlib.import_module(f"mbpam_ros.commands.{verb.module}")
+            with interrupt_ends_it(program):
+                module = importlib.import_module(f"mbpam_ros.commands.{verb.module}")
             if not hasattr(module, "VERBS"):
                 break
             verbs, description = module.VERBS, module.__doc__
-        return _run(cast(VerbModule, module), program, given)
+        options = _options(cast(VerbModule, module), program, given)
+        keeps = verb.resumes and options.json is not None
+        return cast(VerbModule, module).run(options)
     except KeyboardInterrupt:
-        kept = (
-            "; what is finished is kept, the same command goes on from it" if verb is not None and verb.resumes else ""
-        )
+        kept = "; what is finished is kept, the same command goes on from it" if keeps else ""
         print(f"\n{program}: interrupted{kept}", file=sys.stderr)
         return INTERRUPTED
     except MbpamError as error:
@@ -103,11 +104,11 @@ def _chosen(program: str, description: str | None, verbs: Sequence[Verb], argume
     choices = parser.add_subparsers(dest="verb", metavar="VERB", title="verbs", required=True)
     for verb in verbs:
         choices.add_parser(verb.name, help=verb.summary, add_help=False)
-    name = parser.parse_args(arguments).verb
+    name = parser.parse_args([each.replace("_", "-") for each in arguments]).verb
     return next(verb for verb in verbs if verb.name == name)
 
 
-def _run(module: VerbModule, program: str, arguments: Sequence[str]) -> int:
+def _options(module: VerbModule, program: str, arguments: Sequence[str]) -> argparse.Namespace:
     parser = OneLineParser(program, description=module.__doc__, formatter_class=_RAW)
     module.add_arguments(parser)
-    return module.run(parser.parse_args(arguments))
+    return parser.parse_args(arguments)

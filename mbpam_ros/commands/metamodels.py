@@ -9,7 +9,7 @@ Up to 40 samples, each is left out by refitting without it; with more, by the cl
 scales and widths of all samples. The output says which, and beside each stated deviation whether it covers the errors.
 
 A CSV has the columns a_mm, b_mm, theta_max_deg, f_max_n. The names in the table, in small letters, are those of the
-estimator's parameter "metamodel".
+estimator's parameter "metamodel". What is finished is kept in FILE_runs.json, from which the same command goes on.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from mbpam_ros.study.design.pictures import draw_comparison, draw_uncertainty
 from mbpam_ros.study.design.responses import published_coefficients
 from mbpam_ros.study.design.samples import RESPONSES, Samples
 from mbpam_ros.study.design.uncertainty import uncertain_kriging, uncertainty_map
+from mbpam_ros.study.jobs import runs_beside
 from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import Progress, announce
 
@@ -58,7 +59,9 @@ def run(options: argparse.Namespace) -> int:
     )
     progress = Progress(sys.stderr, silent=not slow)
     with executor_for(options, len(METAMODELS)) as executor:
-        table = compare(training, validation, options.trend, options.correlation, executor, progress)
+        table = compare(
+            training, validation, options.trend, options.correlation, executor, progress, runs_beside(options.json)
+        )
     as_the_paper = options.training is None and not options.leave_one_out
     print(table_text(table, published_errors() if as_the_paper else {}))
     if as_the_paper:

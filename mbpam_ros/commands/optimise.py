@@ -8,6 +8,7 @@
 
 The front in the JSON file, and the figures drawn from it, are those of the first algorithm and seed; every other run is
 judged too, against the front of a dense grid. The command fails if a run covers less than 99.5 % of that.
+Finished runs are kept in FILE_runs.json, from which the same command goes on.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from mbpam_ros.study.design.pareto import grid_front
 from mbpam_ros.study.design.pictures import draw_optimisation
 from mbpam_ros.study.design.responses import PUBLISHED, Responses, fitted_responses, published_responses
 from mbpam_ros.study.design.samples import Samples
+from mbpam_ros.study.jobs import runs_beside
 from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import Progress, announce
 
@@ -84,14 +86,15 @@ def run(options: argparse.Namespace) -> int:
     initial = _initial(options, samples, responses) if with_initial else None
     truth = grid_front(responses.objectives, responses.domain, optimise_design.GRID)
     rule(truth)  # refuses a force that no design has before anything is optimised
-    progress.job_ended("front of the grid")
+    progress.say("front of the grid")
+    question = optimise_design.Question(name, samples, responses, truth, initial)
     with executor_for(options, len(wanted)) as executor:
-        runs = optimise_design.run_all(responses, truth, wanted, executor, progress)
-        result = optimise_design.result_json(name, runs, initial, rule_name, rule(runs[0].front))
-        result["chosen"] |= optimise_design.sigma_values(samples, result["chosen"])
-        progress.job_ended("deviation by kriging")
-        if initial is not None:
-            result["gains_by_metamodel"] = optimise_design.gains_by_metamodel(samples, initial, executor, progress)
+        runs, compared = optimise_design.run_all(question, wanted, executor, progress, runs_beside(options.json))
+    result = optimise_design.result_json(name, runs, initial, rule_name, rule(runs[0].front))
+    result["chosen"] |= optimise_design.sigma_values(samples, result["chosen"])
+    progress.say("deviation by kriging")
+    if initial is not None:
+        result["gains_by_metamodel"] = compared
     if of_the_paper:
         result["table_5"] = optimise_design.check_table_5(responses)
     print(optimise_design.result_text(result))
@@ -126,9 +129,7 @@ def _announced(runs: int, samples: int, with_gains: bool) -> Progress:
     """Say how long it will take; return what shows its progress if that is long."""
     expected_s = optimise_design.expected_s(samples, runs, with_gains)
     slow = announce(f"{runs} optimisations, {samples} samples", expected_s)
-    progress = Progress(sys.stderr, silent=not slow)
-    progress.start(2 + runs + (len(METAMODELS) if with_gains else 0))
-    return progress
+    return Progress(sys.stderr, silent=not slow)
 
 
 def _rule(options: argparse.Namespace) -> tuple[str, Rule]:

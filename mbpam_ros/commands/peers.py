@@ -12,6 +12,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from mbpam_ros.commands.workers import refuse_workers
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.tiers.base import PlantConfig
@@ -31,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--strains", choices=list(PARTS), action="append", help="what the muscles do; may be repeated (default: both)"
     )
+    refuse_workers(parser)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -3,12 +3,13 @@
     mbpam rod --pattern pdc --pressure-kpa 100 --tip-force 0,0.05,0 --gravity 0,0,9.81 --json FILE
     mbpam rod --states fe_muscle_states.json --json FILE     beside finite elements, state by state
     mbpam rod --strains bend                                 a rod that cannot stretch or twist
-    mbpam rod --ends rigid                                   the plant's rod
+    mbpam rod --ends rigid --bending line                    the plant's rod
 
 Frame: origin at the clamp, z toward the tip of the straight muscle, the cross's arms along x and y. The same arguments
 and keys as "mbpam fe muscle". The law is by default that of finite elements in the configuration (config). --law
 calibrated takes the one that plant and estimator run on, scaled to the angle and force that the gripper file asks for,
---law FILE another of "mbpam fe law".
+--law FILE another of "mbpam fe law". Ends of silicone also turn, lengthen and shift the axis where the waves begin, as
+"mbpam fe ends" found; the calibrated law has that in its angle, and its ends are silicone alone.
 """
 
 from __future__ import annotations
@@ -21,9 +22,11 @@ from typing import Any
 
 from mbpam_ros.actuator.bending_law import stored_shear_modulus_pa
 from mbpam_ros.actuator.calibration import calibrated_rod_law
-from mbpam_ros.actuator.elastic_rod import BENDINGS, RIGID, STRAINS, check_strains, solid_end
+from mbpam_ros.actuator.elastic_rod import BENDINGS, RIGID, solid_end
+from mbpam_ros.actuator.end_law import finite_element_end_law
 from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.actuator.rod_law import RodLaw, finite_element_rod_law
+from mbpam_ros.actuator.strains import STRAINS, check_strains
 from mbpam_ros.commands.muscle_state import add_muscle_state, muscle_state
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.study.muscle_states import (
@@ -57,8 +60,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bending",
         choices=BENDINGS,
-        default="line",
-        help="how the moment follows the curvature: as the plant's line, or as the unit cell's curve (default: line)",
+        default="curve",
+        help="how the moment follows the curvature: as the plant's line, or as the unit cell's curve (default: curve)",
     )
     parser.add_argument(
         "--ends",
@@ -83,7 +86,8 @@ def run(options: argparse.Namespace) -> int:
     mass_kg_m = options.mass_per_length or (answered and answered.mass_per_length_kg_m)
     geometry = replace(gripper.geometry, mass_per_length_kg_m=mass_kg_m) if mass_kg_m else gripper.geometry
     ends = RIGID if options.ends == "rigid" else solid_end(stored_shear_modulus_pa(_file(options.law)), geometry)
-    model = RodModel(_law(options.law, gripper), geometry, options.strains, ends, options.bending)
+    joints = None if options.ends == "rigid" or options.law == "calibrated" else finite_element_end_law()
+    model = RodModel(_law(options.law, gripper), geometry, options.strains, ends, options.bending, joints)
     told: dict[str, Any] = {
         "strains": list(options.strains),
         "law": options.law,

@@ -5,19 +5,23 @@
 
 An optimal Latin hypercube: SciPy's, its centred discrepancy lowered by exchanges. How it fills the space is printed
 beside the paper's 21 points.
+
+With --json, finished restarts are kept in FILE_runs.json, from which the same command goes on.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
+from mbpam_ros.commands.workers import add_workers, executor_for
+from mbpam_ros.study.design.latin_hypercube import S_PER_POINT
 from mbpam_ros.study.design.pictures import draw_sampling
 from mbpam_ros.study.design.sample_design import VARIABLES, sampled_design
+from mbpam_ros.study.jobs import runs_beside
 from mbpam_ros.study.result_file import write_json, write_text
-from mbpam_ros.terminal import announce
-
-_S_PER_DESIGN = 0.5
+from mbpam_ros.terminal import PATIENCE_S, Progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,12 +33,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--csv", type=Path, metavar="FILE", help="where the designs go")
     parser.add_argument("--json", type=Path, metavar="FILE", help="where designs and figures go")
     parser.add_argument("--picture", type=Path, metavar="FILE", help="where the picture goes (png, pdf or svg)")
+    add_workers(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the designs and how they fill their space."""
-    announce(f"{options.restarts} designs of {options.count} points", _S_PER_DESIGN * max(options.restarts, 0))
-    found = sampled_design(options.variables, options.count, options.seed, options.restarts)
+    with executor_for(options, options.restarts) as executor:
+        found = sampled_design(
+            options.variables,
+            options.count,
+            options.seed,
+            options.restarts,
+            executor,
+            Progress(sys.stderr, silent=S_PER_POINT * options.count * options.restarts <= PATIENCE_S),
+            runs_beside(options.json),
+        )
     print(found.csv_text())
     print(found.figures_text())
     if options.csv is not None:

@@ -73,7 +73,7 @@ class NodeProcesses:
     def start(self, executable: str) -> None:
         """Start (again) one executable."""
         ros = ["--ros-args", *self._common, *self._arguments.get(executable, ())]
-        command = [sys.executable, "-m", f"mbpam_ros.nodes.{executable}", *ros]
+        command = [sys.executable, "-m", "mbpam_ros.nodes", executable, *ros]
         with self.log(executable).open("ab") as log:
             self.processes[executable] = subprocess.Popen(
                 command, stdout=log, stderr=subprocess.STDOUT, env=self._environment

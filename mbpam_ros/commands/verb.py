@@ -13,7 +13,7 @@ class Verb:
         name: on the command line.
         summary: a line of help.
         module: of this package; with ``add_arguments`` and ``run``, or with ``VERBS`` of its own.
-        resumes: whether the same command goes on from what an interrupted one has finished.
+        resumes: whether the same command, with ``--json``, goes on from what an interrupted one has finished.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The arguments of every verb that has independent runs to spread: over processes, or a Dask cluster."""
+"""The arguments of every study: spread its independent runs over processes, or a Dask cluster, or say why not."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import os
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
+from typing import NoReturn
 
 from mbpam_ros.study.executors import LOCAL_CLUSTER, open_executor
 
@@ -18,6 +19,20 @@ def add_workers(parser: argparse.ArgumentParser, default: int | None = None) -> 
     parser.add_argument(
         "--dask", metavar="ADDRESS", help=f"run on a Dask cluster: its scheduler's address, or {LOCAL_CLUSTER!r}"
     )
+
+
+class _Refused(argparse.Action):
+    """Says in one line why an argument is not taken: what it is called with."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        parser.error(f"{self.option_strings[0]}: {self.const}")
+
+
+def refuse_workers(parser: argparse.ArgumentParser) -> None:
+    """Refuse ``--workers`` and ``--dask`` with the reason, where processor time is what is measured."""
+    why = "this verb measures time, so its runs follow each other in one process, on this machine"
+    for argument in ("--workers", "--dask"):
+        parser.add_argument(argument, action=_Refused, const=why, metavar="X", help=f"refused: {why}")
 
 
 def executor_for(options: argparse.Namespace, jobs: int) -> AbstractContextManager[Executor]:

@@ -21,9 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 from mbpam_ros.actuator.calibration import Calibration, calibrate
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FINGER_COUNT
 from mbpam_ros.actuator.design import MuscleGeometry
-from mbpam_ros.actuator.elastic_rod import HANGING, FreeRods, RodsAtRest, check_strains
+from mbpam_ros.actuator.elastic_rod import HANGING, FreeRods, RodsAtRest
 from mbpam_ros.actuator.equilibrium import holding_moment_n_m, resting_bend
 from mbpam_ros.actuator.metamodel import MusclePerformance, load_metamodel
+from mbpam_ros.actuator.strains import check_strains
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.gripper import Gripper
 
@@ -106,6 +107,7 @@ class BendEstimator:
             raise ValueError(f"finger_base_m must have shape ({FINGER_COUNT}, 3), found {self._base.shape}")
         self._relative_model_error = performance.theta_max_sigma_rad / performance.theta_max_rad
         self._rods = FreeRods(self._law, geometry, config.strains)
+        self._solved: tuple[GripperEstimate, RodsAtRest] | None = None
         self._arc_length = np.linspace(0.0, geometry.length_m, config.centreline_points)
         self.reset()
 
@@ -207,11 +209,18 @@ class BendEstimator:
         return lines
 
     def _resting_rods(self, estimate: GripperEstimate) -> RodsAtRest:
-        """The rods whose chambers push with what would hold the bends, at the estimate's pressures."""
+        """The rods whose chambers push with what would hold the bends, at the estimate's pressures.
+
+        Those of the last estimate are kept: tips and centre lines are asked for one after the other.
+        """
+        if self._solved is not None and self._solved[0] is estimate:
+            return self._solved[1]
         gravity = estimate.gravity_m_s2
         stiffness = self._law.moment_and_stiffness(estimate.pressure_gauge_pa)[1]
         moment = holding_moment_n_m(estimate.bend_rad, stiffness, self._geometry, gravity)
-        return self._rods.at_rest(moment, estimate.pressure_gauge_pa, gravity.tolist(), estimate.bend_rad)
+        rods = self._rods.at_rest(moment, estimate.pressure_gauge_pa, gravity.tolist(), estimate.bend_rad)
+        self._solved = estimate, rods
+        return rods
 
 
 class _Followed(NamedTuple):

@@ -16,8 +16,14 @@ Array = NDArray[np.float64]
 SPHERE, CYLINDER, BOX, PLANE = 0, 1, 2, 3
 SHAPE_CODES = {"sphere": SPHERE, "cylinder": CYLINDER, "box": BOX}
 
-REST_POINTS = 4
-"""The most points on which one solid may rest on one plane."""
+REST_POINTS = 8
+"""Numbers that the points have on which one solid may rest on one plane."""
+
+_PROJECTIONS, _EDGE_M = 20, 1e-5
+"""Rounds in which a point is moved back over a footprint, and how far beside it one may be that is over it."""
+
+_UPRIGHT = 0.1
+"""Sine of a cylinder's tilt from which it stands on the lowest point of its rim alone."""
 
 
 @njit
@@ -60,13 +66,16 @@ def rest_points(
 ) -> int:
     """Write the lowest points over the footprint |x| <= foot_x, |y| <= foot_y into ``points``; return how many.
 
-    World frame, z down. Sphere: one. Cylinder: the two ends of its lowest line, or four points of the lower rim when
-    it stands. Box: the corners of its lower face. What overhangs is moved back over the footprint.
+    World frame, z down. A row of ``points`` (8, 5) has place, number and share of the stiffness of one; the number is
+    that of the same place on the solid as long as it is among them, rising from row to row. Sphere: one. Cylinder: the
+    two ends of its lowest line, and, the more upright it stands, four points of its lower rim instead: forces are
+    continuous in its pose. Box: the corners of its lower face. What overhangs is moved back over the footprint.
     """
     if shape == SPHERE:
         if abs(centre[0]) > foot_x or abs(centre[1]) > foot_y:
             return 0
         points[0, 0], points[0, 1], points[0, 2] = centre[0], centre[1], centre[2] + half[0]
+        points[0, 3], points[0, 4] = 0.0, 1.0
         return 1
     if shape == CYLINDER:
         return _cylinder_rest_points(half, centre, rotation, foot_x, foot_y, points)
@@ -78,19 +87,31 @@ def _cylinder_rest_points(
     half: Array, centre: Array, rotation: Array, foot_x: float, foot_y: float, points: Array
 ) -> int:
     ax, ay, az = rotation[0, 2], rotation[1, 2], rotation[2, 2]
-    level = math.sqrt(max(1.0 - az * az, 0.0))
-    if level < 0.1:  # standing: within 6 deg of upright
+    level, count = math.sqrt(max(1.0 - az * az, 0.0)), 0
+    tilted = min(level / _UPRIGHT, 1.0)
+    tilted *= tilted * (3.0 - 2.0 * tilted)
+    if tilted < 1.0:
         end = half[2] if az >= 0.0 else -half[2]
-        count = 0
+        determinant = rotation[0, 0] * rotation[1, 1] - rotation[0, 1] * rotation[1, 0]
+        fx, fy, fz = centre[0] + ax * end, centre[1] + ay * end, centre[2] + az * end
         for k in range(4):
-            u = half[0] if k == 0 else (-half[0] if k == 1 else 0.0)
-            v = half[0] if k == 2 else (-half[0] if k == 3 else 0.0)
-            x = centre[0] + rotation[0, 0] * u + rotation[0, 1] * v + ax * end
-            y = centre[1] + rotation[1, 0] * u + rotation[1, 1] * v + ay * end
-            if abs(x) <= foot_x and abs(y) <= foot_y:
-                z = centre[2] + rotation[2, 0] * u + rotation[2, 1] * v + az * end
-                points[count, 0], points[count, 1], points[count, 2] = x, y, z
+            a = half[0] if k == 0 else (-half[0] if k == 1 else 0.0)
+            b = half[0] if k == 2 else (-half[0] if k == 3 else 0.0)
+            for _ in range(_PROJECTIONS):  # alternate between end and footprint: ends in both if they overlap there
+                x = min(max(fx + a * rotation[0, 0] + b * rotation[0, 1], -foot_x), foot_x) - fx
+                y = min(max(fy + a * rotation[1, 0] + b * rotation[1, 1], -foot_y), foot_y) - fy
+                a = (x * rotation[1, 1] - y * rotation[0, 1]) / determinant
+                b = (y * rotation[0, 0] - x * rotation[1, 0]) / determinant
+                inside = min(1.0, half[0] / max(math.sqrt(a * a + b * b), 1e-12))
+                a, b = inside * a, inside * b
+            x = fx + a * rotation[0, 0] + b * rotation[0, 1]
+            y = fy + a * rotation[1, 0] + b * rotation[1, 1]
+            if abs(x) <= foot_x + _EDGE_M and abs(y) <= foot_y + _EDGE_M:
+                points[count, 0], points[count, 1] = x, y
+                points[count, 2] = fz + a * rotation[2, 0] + b * rotation[2, 1]
+                points[count, 3], points[count, 4] = k, 1.0 - tilted
                 count += 1
+    if tilted <= 0.0:
         return count
     # Lowest line: centre + radius * (z - (z.a) a) / |..| + t a, cut to the footprint.
     x0 = centre[0] - half[0] * az * ax / level
@@ -100,16 +121,18 @@ def _cylinder_rest_points(
     for position, direction, foot in ((x0, ax, foot_x), (y0, ay, foot_y)):
         if abs(direction) < 1e-9:
             if abs(position) > foot:
-                return 0
+                return count
         else:
             first, second = (-foot - position) / direction, (foot - position) / direction
             low, high = max(low, min(first, second)), min(high, max(first, second))
     if low > high:
-        return 0
+        return count
     for k in range(2):
         t = low if k == 0 else high
-        points[k, 0], points[k, 1], points[k, 2] = x0 + t * ax, y0 + t * ay, z0 + t * az
-    return 2
+        points[count, 0], points[count, 1], points[count, 2] = x0 + t * ax, y0 + t * ay, z0 + t * az
+        points[count, 3], points[count, 4] = 4 + k, tilted
+        count += 1
+    return count
 
 
 @njit
@@ -123,19 +146,21 @@ def _box_rest_points(half: Array, centre: Array, rotation: Array, foot_x: float,
     determinant = rotation[0, u] * rotation[1, v] - rotation[0, v] * rotation[1, u]
     fx, fy = centre[0] + end * rotation[0, w], centre[1] + end * rotation[1, w]
     fz = centre[2] + end * rotation[2, w]
-    count = 0
-    for k in range(4):
-        a = half[u] if k % 2 == 0 else -half[u]
-        b = half[v] if k < 2 else -half[v]
-        for _ in range(3):  # alternate between face and footprint: ends in both if they overlap there
+    count, first, second = 0, 1 << min(u, v), 1 << max(u, v)
+    for corner in range(4):  # the corner's number: a bit for each axis along which it is on the far side
+        number = ((1 << w) if end > 0.0 else 0) + first * (corner % 2) + second * (corner // 2)
+        a = half[u] if number & (1 << u) else -half[u]
+        b = half[v] if number & (1 << v) else -half[v]
+        for _ in range(_PROJECTIONS):  # alternate between face and footprint: ends in both if they overlap there
             x = min(max(fx + a * rotation[0, u] + b * rotation[0, v], -foot_x), foot_x) - fx
             y = min(max(fy + a * rotation[1, u] + b * rotation[1, v], -foot_y), foot_y) - fy
             a = min(max((x * rotation[1, v] - y * rotation[0, v]) / determinant, -half[u]), half[u])
             b = min(max((y * rotation[0, u] - x * rotation[1, u]) / determinant, -half[v]), half[v])
         x = fx + a * rotation[0, u] + b * rotation[0, v]
         y = fy + a * rotation[1, u] + b * rotation[1, v]
-        if abs(x) <= foot_x + 1e-9 and abs(y) <= foot_y + 1e-9:
+        if abs(x) <= foot_x + _EDGE_M and abs(y) <= foot_y + _EDGE_M:
             points[count, 0], points[count, 1] = x, y
             points[count, 2] = fz + a * rotation[2, u] + b * rotation[2, v]
+            points[count, 3], points[count, 4] = number, 1.0
             count += 1
     return count

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,6 +14,9 @@ from mbpam_ros.terminal import table
 _HELP = ("-h", "--help")
 _PARAMETER = ("-p", "--param")
 
+CALLED = "MBPAM_CALLED"
+"""Variable with what the user typed to start the executable, where that is not its name."""
+
 
 def answer(arguments: Sequence[str], factories: Sequence[Callable]) -> int | None:
     """Print help or refuse what is no ROS argument; return the exit code, None if the nodes are to run.
@@ -21,7 +25,7 @@ def answer(arguments: Sequence[str], factories: Sequence[Callable]) -> int | Non
         arguments: the whole command line, the executable first.
         factories: the node classes of this executable, each in the module of its node with its ``PARAMETERS``.
     """
-    name, left = Path(arguments[0]).stem, besides_ros(arguments[1:])
+    name, left = _called(arguments[0]), besides_ros(arguments[1:])
     if not left:
         nodes = [node_name(factory) for factory in factories]
         nodes += [argument.partition("__node:=")[2] for argument in arguments if "__node:=" in argument]
@@ -39,6 +43,11 @@ def answer(arguments: Sequence[str], factories: Sequence[Callable]) -> int | Non
     cure = f"ROS arguments follow --ros-args: {name} --ros-args {given}" if for_ros else f"see {name} -h"
     print(f"error: {name}: unknown argument {given}; {cure}", file=sys.stderr)
     return 2
+
+
+def _called(executable: str) -> str:
+    """Return what the user typed: what ``ros2 run`` found says so, else the executable's name."""
+    return os.environ.get(CALLED, Path(executable).stem)
 
 
 def besides_ros(arguments: Sequence[str]) -> list[str]:

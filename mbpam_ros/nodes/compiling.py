@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import socket
@@ -12,6 +13,23 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+SELDOM = (20_000, 20, 20)
+"""Thresholds of Python's garbage collector while kernels are compiled: the compiler makes millions of objects that stay
+for a while, and to look through them every 700 took a twelfth of its time. Without a collector it took 1.6 times as
+much memory, so 1.1 times."""
+
+
+@contextmanager
+def garbage_collected_seldom() -> Iterator[None]:
+    """Leave more garbage about while the block compiles."""
+    before = gc.get_threshold()
+    gc.set_threshold(*SELDOM)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 @contextmanager
@@ -40,7 +58,7 @@ def compilation_announced(say: Callable[[str], None]) -> Iterator[None]:
             pass
 
     listener = FirstOne()
-    with event.install_listener("numba:compile", listener):
+    with garbage_collected_seldom(), event.install_listener("numba:compile", listener):
         yield
     if listener.began_at_s is not None:
         say(f"compiled in {time.monotonic() - listener.began_at_s:.0f} s")

@@ -25,13 +25,17 @@ def keep_to_udp_on_loopback() -> None:
     os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     local = os.environ.setdefault(RANGE, "LOCALHOST") == "LOCALHOST"
     fast_dds = os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp").startswith("rmw_fastrtps")
-    if not local or not fast_dds or any(name in os.environ for name in PROFILES.values()):
+    if not local or not fast_dds:
         return
     # Where no profile is found, or nobody would read it, LOCALHOST stays.
     with suppress(ConfigError, PackageNotFoundError):
+        loopback = str(config_path("fastdds_loopback.xml"))
+        # It may have come from a parent process, under which somebody exported LOCALHOST again.
+        if any(os.environ.get(name, loopback) != loopback for name in PROFILES.values()):
+            return
         kilted_or_later = int(version("rclpy").split(".")[0]) > 7
         variable = PROFILES["Fast DDS 3" if kilted_or_later else "Fast DDS 2"]
-        os.environ[variable] = str(config_path("fastdds_loopback.xml"))
+        os.environ[variable] = loopback
         os.environ[RANGE] = "SYSTEM_DEFAULT"
 
 

@@ -287,6 +287,8 @@ def _live(
     try:
         with stop_signals_end_the_process(BUILDING_STOPS_WITHIN_S, 0), compilation_announced(_say):
             for factory in factories:
+                if stop_requested():  # before the block, which sees what comes in it
+                    return 0
                 own = rules_of_node(arguments, node_name(factory))
                 nodes.append(factory(cli_args=own) if own else factory())
                 executor.add_node(nodes[-1])

@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
+from mbpam_ros.actuator.strains import STRAINS, check_strains
 from mbpam_ros.configuration import ConfigError, config_path, parse_config, require_positive
 
 TABLE = "data/fidelity_trade.json"
@@ -15,9 +17,6 @@ TABLE = "data/fidelity_trade.json"
 
 AUTO = "auto"
 """The tier of a scene file that leaves the choice to the planner."""
-
-STRAINS = ("bend", "twist", "stretch")
-"""What a rod may do; shear is left out."""
 
 TWIST_MODES = STRETCH_MODES = 2
 """Modes of a strain that a scene asks for."""
@@ -36,8 +35,8 @@ class Fidelity:
         modes: modes of curvature a plane; 1 for static and arc.
         sub_step_s: step of the computation. The tier ``static`` is exact at any.
         pneumatics: model of valves and chambers; none for that of ``pneumatics.yaml``.
-        air_modes: modes while the object is out of reach (:mod:`~mbpam_ros.plant.tiers.adaptive`); none for always
-            ``modes``.
+        air_modes: modes while the object is out of reach (:mod:`~mbpam_ros.plant.tiers.adaptive`), no more than
+            ``modes``; none for always ``modes``.
         moving_fingers: numbers of those that are computed; the others hang straight, must not be filled, and touch
             nothing.
         contact: whether anything touches; false leaves the object where it starts, to be seen only, and costs nothing.
@@ -59,12 +58,13 @@ class Fidelity:
 
     @property
     def strains(self) -> tuple[str, ...]:
-        """What the muscles do, some of :data:`STRAINS` in their order."""
+        """What the muscles do, some of :data:`~mbpam_ros.actuator.strains.STRAINS` in their order."""
         modes = {"bend": self.modes, "twist": self.twist_modes, "stretch": self.stretch_modes}
         return tuple(strain for strain in STRAINS if strain == "bend" or modes[strain])
 
     def __post_init__(self) -> None:
         require_positive(self, "sub_step_s", "largest_jump_pct")
+        _require_no_more_in_the_air(self.modes, self.air_modes)
         if min(self.twist_modes, self.stretch_modes) < 0:
             raise ValueError(
                 f"twist_modes and stretch_modes are 0 or more, found {self.twist_modes}, {self.stretch_modes}"
@@ -119,9 +119,9 @@ class FidelityRequest:
     def __post_init__(self) -> None:
         if self.sub_step_s is not None:
             require_positive(self, "sub_step_s")
+        _require_no_more_in_the_air(self.modes, self.air_modes)
         if self.strains is not None:
-            if "bend" not in self.strains or not set(self.strains) <= set(STRAINS):
-                raise ValueError(f"strains are bend and any of {', '.join(STRAINS[1:])}, found {list(self.strains)}")
+            check_strains(self.strains)
             object.__setattr__(self, "strains", tuple(each for each in STRAINS if each in self.strains))
         if self.moving_fingers is not None:
             _require_fingers(self.moving_fingers)
@@ -131,6 +131,11 @@ class FidelityRequest:
         if tier in ("rod", AUTO):
             return dataclasses.replace(self, tier=tier)
         return dataclasses.replace(self, tier=tier, modes=None, air_modes=None)
+
+
+def _require_no_more_in_the_air(modes: int | None, air_modes: int | None) -> None:
+    if modes is not None and air_modes is not None and air_modes > modes:
+        raise ValueError(f"air_modes must not be above modes, found {air_modes} and {modes}")
 
 
 def _require_fingers(moving: tuple[int, ...]) -> None:
@@ -143,13 +148,14 @@ class Measured:
     """One row of the table: errors against the converged reference of a muscle with the same strains, and CPU time.
 
     Args:
-        scene: the case that was run (:mod:`~mbpam_ros.study.fidelity.cases`).
+        scene: the case that was run (:mod:`~mbpam_ros.study.fidelity.cases`); of a promise, the kind of scene.
         tier, modes, step_s, pneumatics: as in :class:`Fidelity`; ``step_s`` is its ``sub_step_s``.
         static_error_pct: at rest, the largest distance of a tip (or of the object's centre) from the reference's, over
             the active length.
         transient_error_pct: the same while things move, the largest of all instants.
         pressure_error_pct: the largest difference of a chamber pressure while things move, over 100 kPa.
-        cpu_ms_per_s: process time of the plant's steps at 100 Hz for one simulated second, without observing.
+        cpu_ms_per_s: process time of the plant's steps at 100 Hz for one simulated second, without observing, by the
+            cost model (:mod:`~mbpam_ros.study.fidelity.costs`).
         contact_force_error_pct: at rest, the largest difference of a finger's force, as a vector, over the larger of
             the reference's largest and the object's weight; none where nothing touches.
         twist_modes, stretch_modes: as in :class:`Fidelity`.
@@ -168,7 +174,7 @@ class Measured:
     twist_modes: int = 0
     stretch_modes: int = 0
 
-    @property
+    @cached_property
     def fidelity(self) -> Fidelity:
         """How the case was computed."""
         return Fidelity(
@@ -203,9 +209,14 @@ class FidelityTable:
     Args:
         rows: one a case and fidelity.
         reference: what the rows are measured against, and how far that can be trusted.
-        machine: where the CPU times come from.
+        machine: where the CPU times come from, when they were measured, and whether they can be believed.
         versions: of the libraries.
         model_errors: of the rods, a row for each set of strains; none: not known.
+        promises: what scenes of a kind are off by at most, a row for each kind and fidelity, by
+            :mod:`~mbpam_ros.study.fidelity.calibration`; none: the cases stand for their kinds.
+        ranges: by kind of scene and feature (:func:`~mbpam_ros.plant.planner.features_of`) the least and the greatest
+            value among the scenes that the promises are made from.
+        calibration: how the promises were made: quantile, share of broken ones, scenes, seed.
     """
 
     rows: tuple[Measured, ...]
@@ -213,6 +224,14 @@ class FidelityTable:
     machine: dict[str, str]
     versions: dict[str, str]
     model_errors: tuple[ModelError, ...] = ()
+    promises: tuple[Measured, ...] = ()
+    ranges: dict[str, dict[str, tuple[float, float]]] = dataclasses.field(default_factory=dict)
+    calibration: dict[str, float] = dataclasses.field(default_factory=dict)
+
+    @property
+    def judging(self) -> tuple[Measured, ...]:
+        """The rows that a plan is made from."""
+        return self.promises or self.rows
 
     def model_error_pct(self, strains: tuple[str, ...], loaded: bool) -> float:
         """Return how far a rod with these strains is off the finite elements; 0 where that is not known."""
@@ -223,13 +242,19 @@ class FidelityTable:
 
 
 def load_fidelity_table(name: str | Path = TABLE) -> FidelityTable:
-    """Read a table.
+    """Read a table; one that was read and has not changed since is not read again.
 
     Raises:
         ConfigError: no such file, or wrong keys or values.
     """
+    path = config_path(name)
+    return _read_table(path, path.stat().st_mtime_ns, str(name))
+
+
+@lru_cache(maxsize=2)
+def _read_table(path: Path, _changed_ns: int, name: str) -> FidelityTable:
     try:
-        content = json.loads(config_path(name).read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise ConfigError(f"{name}: not valid JSON: {error}") from error
-    return parse_config(FidelityTable, content, str(name))
+    return parse_config(FidelityTable, content, name)

@@ -60,7 +60,10 @@ class HandLift:
 
     def motion(self, time_s: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return height [m] and upward velocity [m/s] of the hand at the given times, of their shape."""
-        x = np.clip((np.asarray(time_s, dtype=float) - self._start_s) / self._config.duration_s, 0.0, 1.0)
+        at_s = np.asarray(time_s, dtype=float)
+        if at_s.min() >= self._start_s + self._config.duration_s:  # as nearly always
+            return np.full(at_s.shape, self._to_m), np.zeros(at_s.shape)
+        x = np.clip((at_s - self._start_s) / self._config.duration_s, 0.0, 1.0)
         travel, left, square = self._to_m - self._from_m, 1.0 - x, x * x
         height = self._from_m + travel * square * x * (10.0 - 15.0 * x + 6.0 * square)
         return height, (30.0 * travel / self._config.duration_s) * square * left * left

@@ -1,20 +1,27 @@
-"""Choose how a scene is computed: the cheapest way that was measured to stay within a tolerance, with the reasons.
+"""Choose how a scene is computed: the cheapest way that keeps within a tolerance, with the reasons.
 
-What is in the scene says which measured cases stand for it: without anything to touch those in the air, with an object
-those that grasp one of its shape. A fidelity is as far off as in the worst of them, no nearer than with a shorter step,
-and never nearer than their reference is known. To that error, of the solution, comes the one of its equations: how far
-a rod that only bends, or also stretches and twists, is off the muscle in finite elements. CPU times vary from run to
-run, so of those that cost next to the least the most accurate is taken.
+What is in the scene says which kind it is: with nothing to touch one in the air, with an object a grasp of one of its
+shape. A table with promises (:mod:`~mbpam_ros.study.fidelity.calibration`) says what scenes of that kind, drawn at
+random, are off by at most in 95 of 100 plans; in one without them the measured cases of the kind stand for it, the
+worst of them. In both a fidelity is no nearer than with a shorter step. To that error, of the solution, comes the one
+of its equations: how far a rod that only bends, or also stretches and twists, is off the muscle in finite elements. Of
+fidelities that cost next to the least the most accurate is taken. Where the equations alone are beyond the tolerance,
+those that are off least are taken with a solution that is within it: one that is nearer would not help.
+
+A scene outside what was drawn (in size, mass, friction, pressure or pose) is told how far outside it is, in widths of
+the range, each; its errors are taken to be 1 + their sum times as large.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import logging
+import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from mbpam_ros.configuration import ConfigError
+from mbpam_ros.configuration import ConfigError, load_config
 from mbpam_ros.plant.fidelity import (
     ALL_FINGERS,
     AUTO,
@@ -28,12 +35,20 @@ from mbpam_ros.plant.fidelity import (
     load_fidelity_table,
 )
 from mbpam_ros.plant.scene import Scene
+from mbpam_ros.plant.tiers.base import PlantConfig
+
+AIR = "air"
+KINDS = (AIR, "sphere", "cylinder", "box")
+"""Of scenes: nothing to touch, or the shape of what is grasped."""
 
 AIR_CASES = ("free_bend", "unequal_pressures", "fast_release")
 GRASP_CASES = {"sphere": ("sphere", "lift"), "cylinder": ("slender_rod",), "box": ("box",)}
 REFERENCE_PNEUMATICS = "iso6358"
 SAME_COST = 1.1
 """Costs within this factor count as equal: medians of process times repeat no better."""
+
+SAME_ERROR = 1.1
+"""Errors within this factor of the least count as equal where none is within the tolerance."""
 
 _PARTS = ("pneumatics", "tier", "strains", "modes", "sub_step_s")
 FREE_MODES, CONTACT_MODES = 2, 3
@@ -50,9 +65,10 @@ class Expected:
 
     Args:
         static_pct, transient_pct, contact_force_pct: as in :class:`~mbpam_ros.plant.fidelity.Tolerance`.
-        model_pct: the model's part in the first two.
         cpu_ms_per_s: for one simulated second.
         excess: the largest error over what is allowed; up to 1 is within the tolerance.
+        model_pct: the model's part in the first two.
+        solution_excess: ``excess`` of the solution alone.
     """
 
     static_pct: float
@@ -61,6 +77,7 @@ class Expected:
     cpu_ms_per_s: float
     excess: float
     model_pct: float = 0.0
+    solution_excess: float = 0.0
 
     def __str__(self) -> str:
         errors = f"{_figure(self.static_pct)} % at rest, {_figure(self.transient_pct)} % in motion"
@@ -80,6 +97,7 @@ class Plan:
         camera: whether there is anything to see.
         expected: errors and cost.
         reasons: for each part, by its name, in lines.
+        warnings: what the scene has that none of those was like that the plan is made from.
     """
 
     fidelity: Fidelity
@@ -87,6 +105,7 @@ class Plan:
     camera: bool
     expected: Expected
     reasons: dict[str, tuple[str, ...]]
+    warnings: tuple[str, ...] = ()
 
     @property
     def within_tolerance(self) -> bool:
@@ -106,14 +125,18 @@ class Plan:
             "camera": "yes" if self.camera else "no",
             "moving_fingers": " ".join(map(str, chosen.moving_fingers)),
         }
-        verdict = (
-            "within the tolerance" if self.within_tolerance else "OUTSIDE the tolerance; nothing measured is nearer"
-        )
-        lines = [f"{'expected':<15} {self.expected}: {verdict}"]
+        lines = [f"{'expected':<15} {self.expected}: {self._verdict()}"]
         for name, value in values.items():
             first, *others = self.reasons[name]
             lines += [f"{name:<15} {value:<8} {first}", *(f"{'':<24} {other}" for other in others)]
-        return "\n".join(lines)
+        return "\n".join([*(f"{'warning':<15} {each}" for each in self.warnings), *lines])
+
+    def _verdict(self) -> str:
+        if self.within_tolerance:
+            return "within the tolerance"
+        if self.expected.solution_excess <= 1.0:
+            return "OUTSIDE the tolerance by the model's error; a nearer solution would not help"
+        return "OUTSIDE the tolerance; nothing measured is nearer"
 
 
 def may_touch(scene: Scene, finger_length_m: float) -> bool:
@@ -122,13 +145,75 @@ def may_touch(scene: Scene, finger_length_m: float) -> bool:
     return scene.object is not None or (support is not None and support.planes_m[-1, 0] < finger_length_m)
 
 
+def kinds_of(scene: Scene, contact: bool) -> tuple[str, ...]:
+    """Return the kinds that a scene may be of, with or without contact; all with it where only fingers touch."""
+    if not contact:
+        return (AIR,)
+    return KINDS[1:] if scene.object is None else (scene.object.shape,)
+
+
 def cases_of(scene: Scene, contact: bool) -> tuple[str, ...]:
     """Return the measured cases that stand for a scene, with or without contact."""
-    if not contact:
-        return AIR_CASES
-    if scene.object is None:
-        return tuple(case for cases in GRASP_CASES.values() for case in cases)
-    return GRASP_CASES[scene.object.shape]
+    return _cases_of_kinds(kinds_of(scene, contact))
+
+
+def _cases_of_kinds(kinds: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(case for kind in kinds for case in (AIR_CASES if kind == AIR else GRASP_CASES[kind]))
+
+
+def features_of(scene: Scene, pressure_gauge_pa: float | None = None) -> dict[str, float]:
+    """Return what tells scenes of a kind apart, each with its unit; the largest pressure where it is known.
+
+    Raises:
+        ConfigError: ``plant.yaml``, whose contact acts where the scene gives none, cannot be read.
+    """
+    found = {} if pressure_gauge_pa is None else {"pressure [kPa]": 1e-3 * pressure_gauge_pa}
+    found["tilt [deg]"] = math.degrees(math.acos(min(max(scene.gravity_direction[2], -1.0), 1.0)))
+    found["gravity [m/s2]"] = scene.gravity_m_s2
+    spec, place = scene.object, scene.object_position_m
+    if spec is None or place is None:
+        return found
+    contact = load_config(PlantConfig, "plant.yaml").finger_object
+    own_friction, own_stiffness = scene.friction_coefficient, scene.contact_stiffness_n_m
+    sizes = {"sphere": ("diameter",), "cylinder": ("diameter", "", "length"), "box": ("width", "length", "height")}
+    found |= {f"{name} [mm]": 1e3 * size for name, size in zip(sizes[spec.shape], spec.size_m, strict=False) if name}
+    return found | {
+        "mass [g]": 1e3 * spec.mass_kg,
+        "friction": contact.friction_coefficient if own_friction is None else own_friction,
+        "contact stiffness [N/m]": contact.stiffness_n_m if own_stiffness is None else own_stiffness,
+        "depth [mm]": 1e3 * place[2],
+        "offset [mm]": 1e3 * math.hypot(place[0], place[1]),
+        "yaw [deg]": abs(math.remainder(math.degrees(scene.object_yaw_rad), 180.0)) if spec.shape != "sphere" else 0.0,
+        "lift speed [mm/s]": 1e3 * scene.lift.height_m / scene.lift.duration_s,
+    }
+
+
+def _unlike(
+    scene: Scene, kinds: tuple[str, ...], table: FidelityTable, pressure_gauge_pa: float | None
+) -> tuple[tuple[str, ...], float]:
+    """Return what of a scene is outside the ranges of the table, in words, and the factor on its errors."""
+    if not table.ranges:
+        return (), 1.0
+    told, factor = [], 1.0
+    for name, value in features_of(scene, pressure_gauge_pa).items():
+        spans = [table.ranges[kind][name] for kind in kinds if name in table.ranges.get(kind, {})]
+        if not spans:
+            continue
+        low, high = min(span[0] for span in spans), max(span[1] for span in spans)
+        width = max(high - low, 0.25 * abs(high), 1e-9)
+        distance = max(low - value, value - high, 0.0) / width
+        if distance > 1e-6:
+            told.append(f"{name.split(' [')[0]} {value:.4g}, measured from {low:.4g} to {high:.4g}{_unit(name)}")
+            factor += distance
+    if told:
+        told.append(
+            f"so errors are taken {factor:.2g} times as large; to measure this scene itself: mbpam plan --measure"
+        )
+    return tuple(told), factor
+
+
+def _unit(feature: str) -> str:
+    return f" {feature[feature.index('[') + 1 : -1]}" if "[" in feature else ""
 
 
 def choose_fidelity(
@@ -167,6 +252,7 @@ def plan(
     request: FidelityRequest,
     tick_s: float | None = None,
     camera: bool | None = None,
+    pressure_gauge_pa: float | None = None,
 ) -> Plan:
     """Return how to compute a scene.
 
@@ -179,24 +265,30 @@ def plan(
             longer one that was.
         tick_s: steps must go into it a whole number of times; none for any.
         camera: whether to render images; none for where there is an object.
+        pressure_gauge_pa: the largest that acts; none for one within the range of the table.
 
     Raises:
         PlanError: nothing that was measured fits what is decided.
+        ConfigError: see :func:`features_of`.
     """
     allowed = request.tolerance or Tolerance()
     touch = may_touch(scene, finger_length_m) if request.contact is None else request.contact
-    cases = cases_of(scene, touch)
-    candidates = _candidates(table, cases, allowed, request, tick_s)
+    kinds = kinds_of(scene, touch)
+    warnings, factor = _unlike(scene, kinds, table, pressure_gauge_pa)
+    candidates = _candidates(table, kinds, allowed, request, tick_s, factor)
     best = _best(candidates)
     seen = scene.object is not None
     chosen = best if request.sub_step_s is None else dataclasses.replace(best, sub_step_s=request.sub_step_s)
     if touch and seen and chosen.tier == "rod":
         air_modes = request.air_modes or _air_modes(chosen, table, allowed)
+        if air_modes is not None and air_modes > chosen.modes:
+            raise PlanError(f"air_modes {air_modes} are more than the modes in contact, {chosen.modes}: give modes too")
         chosen = dataclasses.replace(chosen, air_modes=air_modes)
     reasons = {part: _reason(part, best, candidates, _decided(request, part)) for part in _PARTS}
     reasons["air_modes"] = ("enough while the object is out of reach" if chosen.air_modes else "the same throughout",)
     within = "forced" if request.contact is not None else None if touch else "nothing is within reach"
-    reasons["contact"] = (within or f"measured on {', '.join(cases)}",)
+    on = _cases_of_kinds(kinds) if not table.promises else tuple(f"drawn scenes: {kind}" for kind in kinds)
+    reasons["contact"] = (within or f"measured on {', '.join(on)}",)
     reasons["camera"] = ("forced" if camera is not None else f"{'an' if seen else 'no'} object to see",)
     reasons["moving_fingers"] = ("forced" if request.moving_fingers else "any of their chambers may be filled",)
     return Plan(
@@ -205,7 +297,21 @@ def plan(
         camera=seen if camera is None else camera,
         expected=candidates[best],
         reasons=reasons,
+        warnings=warnings,
     )
+
+
+def plan_for_kinds(
+    kinds: tuple[str, ...], table: FidelityTable, request: FidelityRequest, tick_s: float | None = None
+) -> tuple[Fidelity, Expected]:
+    """Return how to compute scenes of some of :data:`KINDS`, of which nothing else is known, and what is expected.
+
+    Raises:
+        PlanError: nothing that was measured fits what is decided.
+    """
+    candidates = _candidates(table, kinds, request.tolerance or Tolerance(), request, tick_s)
+    best = _best(candidates)
+    return best, candidates[best]
 
 
 def _with_what_is_not_measured(chosen: Fidelity, request: FidelityRequest) -> Fidelity:
@@ -233,22 +339,40 @@ def _decided(request: FidelityRequest, part: str) -> object:
 
 def _air_modes(chosen: Fidelity, table: FidelityTable, allowed: Tolerance) -> int | None:
     """Return fewer modes that do while an object is out of reach; none if they would not cost less."""
-    same = FidelityRequest(sub_step_s=chosen.sub_step_s, pneumatics=chosen.pneumatics, strains=chosen.strains)
+    same = FidelityRequest("rod", chosen.sub_step_s, chosen.pneumatics, strains=chosen.strains)
     try:
-        found = _candidates(table, AIR_CASES, allowed, same, None)
+        found = _candidates(table, (AIR,), allowed, same, None)
     except PlanError:  # not measured in the air
         return None
+    found = {each: expected for each, expected in found.items() if each.modes <= chosen.modes}
+    own = [expected.cpu_ms_per_s for each, expected in found.items() if each.modes == chosen.modes]
+    if not own:
+        return None
     best = _best(found)
-    own = [found[each].cpu_ms_per_s for each in found if (each.tier, each.modes) == ("rod", chosen.modes)]
-    return best.modes if own and own[0] > SAME_COST * found[best].cpu_ms_per_s else None
+    return best.modes if own[0] > SAME_COST * found[best].cpu_ms_per_s else None
 
 
 def _candidates(
-    table: FidelityTable, cases: tuple[str, ...], allowed: Tolerance, request: FidelityRequest, tick_s: float | None
+    table: FidelityTable,
+    kinds: tuple[str, ...],
+    allowed: Tolerance,
+    request: FidelityRequest,
+    tick_s: float | None,
+    factor: float = 1.0,
 ) -> dict[Fidelity, Expected]:
-    """Return what is expected of every fidelity that was measured in all cases and fits what is forced."""
-    measured = {(row.scene, row.fidelity): row for row in table.rows}
-    everywhere = {row.fidelity for row in table.rows if all((case, row.fidelity) in measured for case in cases)}
+    """Return what is expected of every fidelity that was measured in all cases and fits what is forced.
+
+    Args:
+        factor: on the errors of the solution.
+    """
+    cases = kinds if table.promises else _cases_of_kinds(kinds)
+    measured: dict[Fidelity, list[Measured]] = defaultdict(list)
+    alike: dict[tuple[object, ...], list[Measured]] = defaultdict(list)
+    for row in table.judging:
+        if row.scene in cases:
+            measured[row.fidelity].append(row)
+            alike[_but_for_the_step(row, row.pneumatics)].append(row)
+    everywhere = {each for each, rows in measured.items() if {row.scene for row in rows} == set(cases)}
     fitting = _fitting(everywhere, request, tick_s)
     if not fitting:
         decided = {part: _decided(request, part) for part in _PARTS}
@@ -260,18 +384,17 @@ def _candidates(
         )
     found = {}
     for each in sorted(fitting):
-        costing = [measured[case, each] for case in cases]
         pneumatics = each.pneumatics if request.pneumatics is None else REFERENCE_PNEUMATICS
-        judging = [row for row in table.rows if row.scene in cases and _no_longer_step(row, each, pneumatics)]
-        model_pct = table.model_error_pct(each.strains, loaded=cases != AIR_CASES)
-        found[each] = _expected(judging or costing, costing, table, allowed, model_pct)
+        rows = alike.get(_but_for_the_step(each, pneumatics), [])
+        # A longer step is nearer by luck only.
+        judging = [row for row in rows if row.step_s <= each.sub_step_s] or measured[each]
+        model_pct = table.model_error_pct(each.strains, loaded=kinds != (AIR,))
+        found[each] = _expected(judging, measured[each], table, allowed, model_pct, factor)
     return found
 
 
-def _no_longer_step(row: Measured, fidelity: Fidelity, pneumatics: str | None) -> bool:
-    """Whether a row differs from a fidelity in no more than a shorter step: a longer one is nearer by luck only."""
-    same = dataclasses.replace(row.fidelity, sub_step_s=fidelity.sub_step_s)
-    return same == dataclasses.replace(fidelity, pneumatics=pneumatics) and row.step_s <= fidelity.sub_step_s
+def _but_for_the_step(each: Fidelity | Measured, pneumatics: str | None) -> tuple[object, ...]:
+    return each.tier, each.modes, pneumatics, each.twist_modes, each.stretch_modes
 
 
 def _fitting(everywhere: Iterable[Fidelity], request: FidelityRequest, tick_s: float | None) -> list[Fidelity]:
@@ -305,31 +428,54 @@ def _goes_into(step_s: float, tick_s: float | None) -> bool:
 
 
 def _expected(
-    judging: list[Measured], costing: list[Measured], table: FidelityTable, allowed: Tolerance, model_pct: float
+    judging: list[Measured],
+    costing: list[Measured],
+    table: FidelityTable,
+    allowed: Tolerance,
+    model_pct: float,
+    factor: float,
 ) -> Expected:
     def worst(error: Callable[[Measured], float | None], known: str) -> float:
-        return max(max(error(row) or 0.0, table.reference.get(row.scene, {}).get(known, 0.0)) for row in judging)
+        return factor * max(
+            max(error(row) or 0.0, table.reference.get(row.scene, {}).get(known, 0.0)) for row in judging
+        )
 
-    static = model_pct + worst(lambda row: row.static_error_pct, "static_pct")
-    transient = model_pct + worst(lambda row: row.transient_error_pct, "transient_pct")
+    static = worst(lambda row: row.static_error_pct, "static_pct")
+    transient = worst(lambda row: row.transient_error_pct, "transient_pct")
     force = worst(lambda row: row.contact_force_error_pct, "contact_force_pct")
+
+    def excess(model_pct: float) -> float:
+        return max(
+            (model_pct + static) / allowed.static_pct,
+            (model_pct + transient) / allowed.transient_pct,
+            force / allowed.contact_force_pct,
+        )
+
     return Expected(
-        static_pct=static,
-        transient_pct=transient,
+        static_pct=model_pct + static,
+        transient_pct=model_pct + transient,
         contact_force_pct=force,
         cpu_ms_per_s=sum(row.cpu_ms_per_s for row in costing) / len(costing),
-        excess=max(static / allowed.static_pct, transient / allowed.transient_pct, force / allowed.contact_force_pct),
+        excess=excess(model_pct),
         model_pct=model_pct,
+        solution_excess=excess(0.0),
     )
 
 
 def _best(candidates: dict[Fidelity, Expected]) -> Fidelity:
     """Return the cheapest within the tolerance, of those that cost about the same the nearest; else the nearest."""
     within = {each: expected for each, expected in candidates.items() if expected.excess <= 1.0}
-    if within:
-        limit = SAME_COST * min(expected.cpu_ms_per_s for expected in within.values())
-        candidates = {each: expected for each, expected in within.items() if expected.cpu_ms_per_s <= limit}
-    return min(candidates, key=lambda each: candidates[each].excess)
+    if not within:  # a solution that is nearer than the tolerance makes up for no model
+        least_pct = min(expected.model_pct for expected in candidates.values())
+        candidates = {each: expected for each, expected in candidates.items() if expected.model_pct <= least_pct}
+        within = {each: expected for each, expected in candidates.items() if expected.solution_excess <= 1.0}
+    if not within:
+        nearest = min(expected.excess for expected in candidates.values())
+        near = [each for each, expected in candidates.items() if expected.excess <= SAME_ERROR * nearest]
+        return min(near, key=lambda each: candidates[each].cpu_ms_per_s)
+    limit = SAME_COST * min(expected.cpu_ms_per_s for expected in within.values())
+    cheap = [each for each, expected in within.items() if expected.cpu_ms_per_s <= limit]
+    return min(cheap, key=lambda each: within[each].excess)
 
 
 def _reason(part: str, chosen: Fidelity, candidates: dict[Fidelity, Expected], decided: object) -> tuple[str, ...]:

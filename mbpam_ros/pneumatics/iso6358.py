@@ -55,7 +55,7 @@ class Orifices(NamedTuple):
     regulated: float
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def orifice_flow(critical_ratio: float, from_pa: float, to_pa: float) -> tuple[float, float, float]:
     """Return p0 Q / C [Pa2] between two absolute pressures and its slopes with ``from_pa`` and ``to_pa`` [Pa].
 
@@ -77,7 +77,7 @@ def orifice_flow(critical_ratio: float, from_pa: float, to_pa: float) -> tuple[f
     return -flow, -with_low, -with_high
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def volume_rows(tables: GasVolumeTables, pressure: Vector, bend_rad: Vector, line_volume: float) -> Vector:
     """Return the volumes [m3] of all chambers with their lines on the tables' pressures, shape (16, pressures).
 
@@ -102,7 +102,7 @@ def volume_rows(tables: GasVolumeTables, pressure: Vector, bend_rad: Vector, lin
     return rows
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def gas_amount(tables: GasVolumeTables, row: Vector, pressure_pa: float) -> tuple[float, float]:
     """Return n = p V [J] of a chamber at an absolute pressure, and dn/dp; V is constant beyond its tables."""
     place = (pressure_pa - AMBIENT_PA - tables.pressure_start_pa) / tables.pressure_step_pa
@@ -113,7 +113,7 @@ def gas_amount(tables: GasVolumeTables, row: Vector, pressure_pa: float) -> tupl
     return pressure_pa * volume, volume + pressure_pa * rise
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _within(low: float, high: float, here: float, guess: float, before_pa: float) -> float:
     """Return Newton's guess, or the middle of the bracket (its end doubled while it is open).
 
@@ -125,7 +125,7 @@ def _within(low: float, high: float, here: float, guess: float, before_pa: float
     return 0.5 * (low + high) if high < np.inf else 2.0 * low + _LEAST_PA
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _chamber_pressure(
     start_pa: float, amount: float, fill: float, loss: float, supply_pa: float, critical_ratio: float,
     tables: GasVolumeTables, row: Vector,
@@ -159,7 +159,7 @@ def _chamber_pressure(
     return pressure, fill * filled, fill * with_supply * (1.0 + fill * with_pressure / slope)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def advance(
     pressure: Vector, supply_pa: float, opening_s: Vector, duration_s: float, bend_rad: Vector, amount: Vector,
     steps: int, orifices: Orifices, tables: GasVolumeTables,

@@ -8,7 +8,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from pathlib import Path
 from typing import TypeVar
 
-from mbpam_ros.study.result_file import ResultFileError, write_json
+from mbpam_ros.study.result_file import ResultFileError, make_folder_of, write_json
 from mbpam_ros.terminal import Progress, announce
 
 REDRAW_S = 1.0
@@ -56,6 +56,21 @@ class ResultFile:
         if self.path is not None:
             write_json(self.path, content)
         return content
+
+
+def runs_beside(result: Path | None) -> Path | None:
+    """Return where the finished runs of a result are kept that is made of all of them; makes the folder.
+
+    Args:
+        result: its file; None if it goes to none, and then neither do the runs.
+
+    Raises:
+        ResultFileError: the folder cannot be made.
+    """
+    if result is None:
+        return None
+    make_folder_of(result)
+    return result.with_name(f"{result.stem}_runs.json")
 
 
 def run_jobs(

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.design import MuscleGeometry
-from mbpam_ros.actuator.elastic_rod import HANGING, RIGID, RodLoads, RodSection, rod_at_rest, rod_section
+from mbpam_ros.actuator.elastic_rod import HANGING, NO_JOINT, RIGID, RodLoads, RodSection, rod_at_rest, rod_section
+from mbpam_ros.actuator.end_law import EndLaw
 from mbpam_ros.actuator.rod_law import RodLaw
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.terminal import table
@@ -122,6 +123,7 @@ class RodModel:
         strains: what the active part may do.
         ends: section of the two ends.
         bending: how the active part's moment follows its curvature, ``line`` or ``curve``.
+        joints: between the ends and the active part, with its shear; None: it goes on into them, and has none.
     """
 
     law: RodLaw
@@ -129,6 +131,7 @@ class RodModel:
     strains: tuple[str, ...]
     ends: RodSection = RIGID
     bending: str = "line"
+    joints: EndLaw | None = None
 
 
 def rod_answer(state: MuscleState, model: RodModel) -> dict[str, Any]:
@@ -140,7 +143,11 @@ def rod_answer(state: MuscleState, model: RodModel) -> dict[str, Any]:
         RodSolutionError: the rod has no equilibrium there.
     """
     section = rod_section(model.law, state.pressure_gauge_pa, model.strains, model.bending)
-    rod = rod_at_rest(section, model.geometry, state.loads(), ends=model.ends)
+    joint = NO_JOINT
+    if model.joints is not None:
+        joint = model.joints.joint(state.pressure_gauge_pa)
+        section = section._replace(shear_compliance_per_n=model.joints.shear_compliance_per_n(state.pressure_gauge_pa))
+    rod = rod_at_rest(section, model.geometry, state.loads(), ends=model.ends, joint=joint)
     return {
         **{name: list(value) if isinstance(value, tuple) else value for name, value in asdict(state).items()},
         "tip_position_mm": (1e3 * rod.tip_position_m).tolist(),

@@ -2,7 +2,8 @@
 
 In each cell the four muscles close on a sphere (60 mm, 46 g) that stands between them: the air rises to 80 kPa in 0.3 s
 and stays for 0.5 s (free 2 s), or five steps where that is longer. The stiffness is that of muscles on the object and
-on each other; the column ``free`` has no object, and fingers that pass through each other.
+on each other; the column ``free`` has no object, and fingers that pass through each other. An object at rest is held
+only where it belongs: within 1 mm of where steps of 0.5 ms leave it.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from mbpam_ros.plant.tiers.base import (
     TierState,
 )
 from mbpam_ros.plant.tiers.registry import build_tier
+from mbpam_ros.study.provenance import sources_digest, versions
 
 TIERS = ("static", "arc", "rod")
 STEPS_S = (1e-5, 1e-4, 1e-3, 2e-3, 5e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
@@ -43,7 +45,10 @@ CLOSING_S, HOLDING_S, FREE_HOLDING_S, FEWEST_STEPS = 0.3, 0.5, 2.0, 5
 AT_REST_M_S = 1e-3
 """Speed of the object, and of the free tips, below which a cell is at rest."""
 
-S_PER_CELL = 0.6
+REFERENCE_STEP_S, PLACE_M = 5e-4, 1e-3
+"""Step of the run that says where the object belongs, and how far off it may be."""
+
+S_PER_CELL = 0.7
 """CPU of a cell of the whole map, whose shortest steps cost most."""
 
 _SIZE_M, _MASS_KG, _DEPTH_M = 0.060, 0.046, 0.085
@@ -58,9 +63,11 @@ class Cell:
         tier: how the muscles are computed.
         step_s: length of a step.
         stiffness_n_m: of the contacts of muscles; none in the column ``free``.
-        outcome: ``at_rest``, ``moving``, ``stopped`` (a typed error) or ``fault``.
+        outcome: ``at_rest``, ``astray`` (at rest, but not where it belongs), ``moving``, ``stopped`` (a typed error) or
+            ``fault``.
         force_error_pct: what is left of the forces on the object over its weight; none unless held at rest.
         message: of the error; empty without one.
+        off_mm: distance of an object at rest from where it belongs; none without one.
     """
 
     tier: str
@@ -69,6 +76,7 @@ class Cell:
     outcome: str
     force_error_pct: float | None
     message: str
+    off_mm: float | None = None
 
 
 def run_cell(tier: str, step_s: float, stiffness_n_m: float | None, gripper: Gripper, config: PlantConfig) -> Cell:
@@ -80,20 +88,28 @@ def run_cell(tier: str, step_s: float, stiffness_n_m: float | None, gripper: Gri
             finger_finger=dataclasses.replace(config.finger_finger, stiffness_n_m=stiffness_n_m),
         )
     state: TierState | None = None
-    outcome, message = "", ""
-    modes = 1 if tier != "rod" else FREE_MODES if stiffness_n_m is None else CONTACT_MODES
+    outcome, message, error_pct, off_mm = "", "", None, None
     try:
-        muscles = build_tier(_setup(stiffness_n_m is not None, gripper, config), Fidelity(tier, modes, step_s))
-        _close(muscles, step_s, FREE_HOLDING_S if stiffness_n_m is None else HOLDING_S, gripper)
-        state = muscles.state()
+        state = _ended(tier, step_s, stiffness_n_m, gripper, config)
+        outcome = _outcome(state, gripper)
+        if state.body is not None and outcome == "at_rest":
+            reference = _ended(tier, REFERENCE_STEP_S, stiffness_n_m, gripper, config).body
+            off_mm = 1e3 * float(np.linalg.norm(state.body.position_m - reference.position_m)) if reference else None
+            outcome = "at_rest" if off_mm is not None and off_mm < 1e3 * PLACE_M else "astray"
+            error_pct = _force_error_pct(state)
     except (PlantDivergedError, TierError) as error:
         outcome, message = "stopped", str(error)
     except Exception as error:  # any other kind is what this command looks for
         outcome, message = "fault", f"{type(error).__name__}: {error}"
-    if state is not None:
-        outcome = _outcome(state, gripper)
-    error_pct = _force_error_pct(state) if state is not None and state.body and outcome == "at_rest" else None
-    return Cell(tier, step_s, stiffness_n_m, outcome, error_pct, message)
+    return Cell(tier, step_s, stiffness_n_m, outcome, error_pct, message, off_mm)
+
+
+def _ended(tier: str, step_s: float, stiffness_n_m: float | None, gripper: Gripper, config: PlantConfig) -> TierState:
+    """Return the state when the time of a cell is over."""
+    modes = 1 if tier != "rod" else FREE_MODES if stiffness_n_m is None else CONTACT_MODES
+    muscles = build_tier(_setup(stiffness_n_m is not None, gripper, config), Fidelity(tier, modes, step_s))
+    _close(muscles, step_s, FREE_HOLDING_S if stiffness_n_m is None else HOLDING_S, gripper)
+    return muscles.state()
 
 
 def cell_jobs(
@@ -108,11 +124,26 @@ def cell_jobs(
     """
     gripper, config = load_gripper(), load_config(PlantConfig, "plant.yaml")
     return {
-        f"tier {tier}, {1e3 * step_s:g} ms, {_column(stiffness)} N/m": (tier, step_s, stiffness, gripper, config)
+        _name(tier, step_s, stiffness): (tier, step_s, stiffness, gripper, config)
         for tier in TIERS
         for step_s in steps_s
         for stiffness in (None, *(() if tier == "static" else stiffnesses_n_m))
     }
+
+
+def cell_row(tier: str, step_s: float, stiffness_n_m: float | None, gripper: Gripper, config: PlantConfig) -> dict:
+    """Return :func:`run_cell` as plain values."""
+    return dataclasses.asdict(run_cell(tier, step_s, stiffness_n_m, gripper, config))
+
+
+def row_name(row: dict) -> str:
+    """Return the name of the job that made a row, as in :func:`cell_jobs`."""
+    return _name(row["tier"], row["step_s"], row["stiffness_n_m"])
+
+
+def settings() -> dict[str, object]:
+    """Return what all rows depend on."""
+    return {"sources": sources_digest(), "versions": versions("numpy", "numba", "scipy")}
 
 
 def map_text(cells: Sequence[Cell]) -> str:
@@ -177,6 +208,10 @@ def _force_error_pct(state: TierState) -> float:
     return 100.0 * float(np.linalg.norm(total + [0.0, 0.0, weight_n])) / weight_n
 
 
+def _name(tier: str, step_s: float, stiffness_n_m: float | None) -> str:
+    return f"tier {tier}, {1e3 * step_s:g} ms, {_column(stiffness_n_m)} N/m"
+
+
 def _column(stiffness_n_m: float | None) -> str:
     return "free" if stiffness_n_m is None else f"{stiffness_n_m:.0e}"
 
@@ -184,6 +219,8 @@ def _column(stiffness_n_m: float | None) -> str:
 def _text(cell: Cell, messages: Sequence[str]) -> str:
     if cell.message:
         return f"{'FAULT' if cell.outcome == 'fault' else 'stop'} {messages.index(_without_step(cell.message)) + 1}"
+    if cell.outcome == "astray":
+        return f"{cell.off_mm:.0f} mm off"
     if cell.outcome != "at_rest":
         return "FAULT" if cell.outcome == "fault" else cell.outcome
     return "at rest" if cell.force_error_pct is None else f"{cell.force_error_pct:.1f}"

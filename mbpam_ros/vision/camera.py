@@ -22,6 +22,11 @@ _NARROWEST = (0.1, 30.0)
 """Focal lengths in widths of the image: angles of view from 157 down to 2 deg."""
 
 
+LARGEST_SIDE_PX = 16384
+FARTHEST_M = 10.0
+"""Of a camera that sees what the gripper does."""
+
+
 class CameraError(MbpamError, ValueError):
     """A camera's description or a use of it makes no sense: no focal length, a point behind the camera."""
 
@@ -202,8 +207,12 @@ class CameraConfig:
         require_positive(self, "width_px", "height_px", "horizontal_fov_rad")
         if self.horizontal_fov_rad >= math.pi:
             raise ValueError(f"horizontal_fov_rad must be less than pi, found {self.horizontal_fov_rad:g}")
+        if max(self.width_px, self.height_px) > LARGEST_SIDE_PX:
+            raise ValueError(f"width_px and height_px must be at most {LARGEST_SIDE_PX} pixels")
         if self.noise_levels < 0.0 or self.blur_sigma_px < 0.0:
             raise ValueError("noise_levels and blur_sigma_px must not be negative")
+        if np.abs((self.position_m, self.look_at_m)).max() > FARTHEST_M:
+            raise ValueError(f"position_m and look_at_m must lie within {FARTHEST_M:g} m of the gripper")
         view = np.subtract(self.look_at_m, self.position_m)
         if np.linalg.norm(np.cross(view, self.image_x_axis)) < 1e-6:
             raise ValueError("image_x_axis must not be parallel to the view from position_m to look_at_m")

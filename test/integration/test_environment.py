@@ -66,6 +66,15 @@ def test_settings_handed_down_to_a_child_stay(exported):
     assert dict(os.environ) == before
 
 
+def test_a_range_that_is_exported_again_below_a_process_with_the_profile_is_left_to_it_too(exported, monkeypatch):
+    exported()
+    keep_to_udp_on_loopback()
+    before = dict(os.environ)
+    monkeypatch.setenv(RANGE, "LOCALHOST")  # with which the ROS layer would bind to all interfaces
+    keep_to_udp_on_loopback()
+    assert dict(os.environ) == before
+
+
 @pytest.mark.parametrize(
     ("variables", "range_", "profile_"),
     [

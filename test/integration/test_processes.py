@@ -164,7 +164,7 @@ def assert_that_each_ends_when_told(processes: NodeProcesses) -> None:
 
 
 def run_to_its_end(executable: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", f"mbpam_ros.nodes.{executable}", "--ros-args", *arguments]
+    command = [sys.executable, "-m", "mbpam_ros.nodes", executable, "--ros-args", *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=START_S, check=False)
 
 
@@ -225,7 +225,7 @@ def test_ros_arguments_that_cannot_be_read_end_the_executable_with_code_2(domain
 @pytest.mark.parametrize("executable", [*NODES, "bringup"])
 def test_help_says_what_a_node_does_and_takes_and_starts_none(executable):
     ended = subprocess.run(
-        [sys.executable, "-m", f"mbpam_ros.nodes.{executable}", "--help"],
+        [sys.executable, "-m", "mbpam_ros.nodes", executable, "--help"],
         capture_output=True,
         text=True,
         timeout=START_S,
@@ -250,7 +250,7 @@ def test_help_says_what_a_node_does_and_takes_and_starts_none(executable):
     ],
 )
 def test_arguments_that_nobody_would_read_are_refused_with_the_right_spelling(arguments, cure):
-    command = [sys.executable, "-m", "mbpam_ros.nodes.bringup", *arguments]
+    command = [sys.executable, "-m", "mbpam_ros.nodes", "bringup", *arguments]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=START_S)
     assert ended.returncode == 2
     assert ended.stderr.startswith("error: bringup: ") and cure in ended.stderr
@@ -259,7 +259,7 @@ def test_arguments_that_nobody_would_read_are_refused_with_the_right_spelling(ar
 
 def test_a_parameter_given_to_one_node_by_name_reaches_it_in_a_namespace_too():
     arguments = ["--ros-args", "-r", "__ns:=/right", "-p", "plant:scene:=nowhere"]
-    command = [sys.executable, "-m", "mbpam_ros.nodes.bringup", *arguments]
+    command = [sys.executable, "-m", "mbpam_ros.nodes", "bringup", *arguments]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=START_S)
     assert (ended.returncode, ended.stderr[:27]) == (2, "error: no scene 'nowhere'; ")
 

@@ -19,7 +19,8 @@ MACHINE = GROUND | {"actuator", "pneumatics", "gripper"}
 ALLOWED = {
     "errors": set(),
     "answer": set(),
-    "configuration": {"errors"},
+    "bounded_yaml": {"errors"},
+    "configuration": {"errors", "bounded_yaml"},
     "geometry": set(),
     "actuator": GROUND,
     "pneumatics": GROUND | {"actuator"},

@@ -138,3 +138,13 @@ def test_the_python_of_a_page_runs_and_prints_what_is_shown_after_it(page, capsy
 def test_every_folder_of_the_package_has_a_page_in_the_reference():
     folders = {path.name for path in (ROOT / "mbpam_ros").iterdir() if (path / "__init__.py").is_file()}
     assert {path.stem for path in (ROOT / "docs" / "reference" / "python").glob("*.rst")} == {*folders, "top"}
+
+
+def test_which_pythons_will_do_is_said_alike():
+    said = {name: (ROOT / name).read_text(encoding="utf-8") for name in ("setup.py", "Makefile", "CONTRIBUTING.md")}
+    low = re.search(r'python_requires=">=(3\.\d+)"', said["setup.py"]).group(1)
+    refused = re.search(r"\((3), (\d+)\) <= sys\.version_info\[:2\] <= \((3), (\d+)\)", said["Makefile"]).groups()
+    assert ".".join(refused[:2]) == low
+    spoken = f"{low} to {'.'.join(refused[2:])}"
+    assert f"Python {spoken} is needed" in said["Makefile"] and f"({spoken})" in said["CONTRIBUTING.md"]
+    assert f"Python {spoken}" in (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")

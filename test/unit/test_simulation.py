@@ -12,7 +12,10 @@ import pytest
 import mbpam_ros
 from mbpam_ros import MbpamError, Phase, Simulation, load_gripper, load_scene
 from mbpam_ros.actuator.named_designs import load_design
-from mbpam_ros.simulation import TICK_S, SimulationTimeError
+from mbpam_ros.configuration import ConfigError
+from mbpam_ros.plant.fidelity import Fidelity
+from mbpam_ros.simulation import TICK_S, BatchError, SimulationTimeError
+from mbpam_ros.study.executors import open_executor
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -77,6 +80,78 @@ def test_what_does_not_come_in_time_says_what_the_gripper_does_instead():
     with pytest.raises(SimulationTimeError, match=r"not within 0.05 s of simulated time; the gripper is idle: open"):
         simulation.run_until(lambda: False, limit_s=0.05)
     assert simulation.seen.time_s == pytest.approx(0.05)
+
+
+FRICTIONS, PRESSURES_PA = (0.3, 0.6, 0.9), (80e3, 90e3, 100e3)
+
+
+def swept_scenes():
+    """A sweep of friction, pressure and pose at once."""
+    bulb, _ = load_scene("bulb")
+    x, y, z = bulb.object_position_m
+    return [
+        dataclasses.replace(bulb, friction_coefficient=friction, object_position_m=(x + 0.001 * number, y, z))
+        for number, friction in enumerate(FRICTIONS)
+    ]
+
+
+def closed_on(simulation):
+    """Close for half a second, and say what was seen."""
+    simulation.run(0.1)
+    simulation.grasp()
+    seen = simulation.run(0.5)
+    return seen.centreline_m.tobytes(), seen.object_in_world.position_m.tobytes(), seen.transducer_v.tobytes()
+
+
+FAST = Fidelity("rod", 2, 0.005, "iso6358")
+
+
+@pytest.fixture(scope="module")
+def closed_one_by_one():
+    runs = zip(swept_scenes(), PRESSURES_PA, range(3), strict=True)
+    return [closed_on(Simulation(scene, FAST, None, pressure, seed)) for scene, pressure, seed in runs]
+
+
+def closed_in_a_batch(**how):
+    return Simulation.batch(
+        swept_scenes(), closed_on, fidelity=FAST, grip_pressure_gauge_pa=PRESSURES_PA, seed=range(3), **how
+    )
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_a_batch_on_threads_gives_the_bits_of_single_runs(workers, closed_one_by_one):
+    assert len(set(closed_one_by_one)) == 3
+    assert closed_in_a_batch(workers=workers) == closed_one_by_one
+
+
+def test_a_batch_on_a_dask_cluster_gives_the_bits_of_one_on_threads():
+    pytest.importorskip("distributed")
+    with open_executor(1, "local") as executor:
+        found = [Simulation.batch(swept_scenes()[:2], fidelity=FAST, executor=each) for each in (executor, None)]
+    for there, here in zip(*found, strict=True):
+        assert there.object_in_world.position_m.tobytes() == here.object_in_world.position_m.tobytes()
+        assert there.centreline_m.tobytes() == here.centreline_m.tobytes()
+
+
+def test_a_batch_says_which_numbers_do_not_fit_its_scenes():
+    with pytest.raises(
+        BatchError, match="grip_pressure_gauge_pa: one for all scenes, or one for each of the 3, found 2"
+    ):
+        Simulation.batch(swept_scenes(), closed_on, grip_pressure_gauge_pa=(80e3, 90e3))
+    with pytest.raises(BatchError, match="at least 1 worker, found 0"):
+        Simulation.batch(swept_scenes(), closed_on, workers=0)
+
+
+def test_what_a_scene_of_a_batch_raises_comes_out_of_it():
+    with pytest.raises(ConfigError, match="no scene 'piano'"):
+        Simulation.batch(["bulb", "piano"], lambda simulation: None)
+
+
+def test_a_batch_grasps_and_lifts_unless_told_otherwise():
+    (held, empty) = Simulation.batch([load_scene("bulb")[0], "empty"], fidelity=FAST)
+    rise_m = 0.115 - 0.030 - held.object_in_world.position_m[2]
+    assert rise_m > 0.09 and held.hand_lift_m == pytest.approx(0.1)
+    assert empty.hand_lift_m == 0.0 and empty.time_s == pytest.approx(1.3)
 
 
 def test_the_public_names_are_there_and_no_other():

@@ -14,6 +14,7 @@ VERBS = (
     Verb("mesh", "error of the meshes, by refinement", "fe.mesh", resumes=True),
     Verb("law", "M(p, kappa), V(p, kappa), stretch, EA and GJ of the initial design", "fe.law", resumes=True),
     Verb("unequal", "unit cells with unequal chamber pressures", "fe.unequal", resumes=True),
+    Verb("ends", "what the two ends add to the rod of unit cells: turn, length, shift", "fe.ends", resumes=True),
     Verb("muscle", "one state of the whole muscle: pressures, loads on its tip, gravity in any direction", "fe.muscle"),
     Verb("states", "the whole muscle in the states that the rod is set beside", "fe.states", resumes=True),
     Verb("whole", "the whole muscle in three dimensions, free and at a plate", "fe.whole", resumes=True),

@@ -5,12 +5,7 @@ from __future__ import annotations
 import argparse
 
 from mbpam_ros.commands.fe.model import (
-    add_mesh,
-    add_model,
-    add_pictures,
-    add_points,
-    add_reading,
-    add_result,
+    add_comparison,
     can_draw,
     check_result,
     points_of,
@@ -18,7 +13,7 @@ from mbpam_ros.commands.fe.model import (
     status_of,
     tell_pictures,
 )
-from mbpam_ros.commands.workers import add_workers, executor_for
+from mbpam_ros.commands.workers import executor_for
 from mbpam_ros.study.fe.ablations import SPREAD_POINTS, ablations, variants
 from mbpam_ros.study.fe.pictures import draw_ablations
 from mbpam_ros.terminal import Progress
@@ -26,13 +21,7 @@ from mbpam_ros.terminal import Progress
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    add_result(parser, "where runs and errors go")
-    add_points(parser, "six that are far apart")
-    add_reading(parser)
-    add_mesh(parser)
-    add_model(parser)
-    add_pictures(parser)
-    add_workers(parser)
+    add_comparison(parser, "where runs and errors go", "six that are far apart")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ import argparse
 import time
 
 from mbpam_ros.commands.fe.model import add_mesh, add_model, add_result, check_result, run_of
+from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.study.fe.design_run import S_PER_JOB, bend_curve
 from mbpam_ros.study.fe.mesh import PATTERNS
 from mbpam_ros.study.fe.mesh_error import mesh_error_pct, mesh_error_text
@@ -24,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_result(parser, "where the curve goes")
     add_mesh(parser)
     add_model(parser)
+    add_workers(parser, default=1)  # one job
 
 
 def run(options: argparse.Namespace) -> int:
@@ -32,7 +34,8 @@ def run(options: argparse.Namespace) -> int:
     check_result(options.json)
     announce("one bend curve", S_PER_JOB, progress.stream)
     begun_s = time.monotonic()
-    curve = bend_curve(wanted, CURVE_KPA)
+    with executor_for(options, 1) as executor:
+        curve = executor.submit(bend_curve, wanted, CURVE_KPA).result()
     write_json(options.json, {**curve, "mesh_error_pct": mesh_error_pct(wanted.resolution)})
     passed_s = time.monotonic() - begun_s
     progress.say(f"{curve['p_kpa'][-1]:g} kPa: {curve['theta_deg'][-1]:.2f} deg; the curve took {passed_s:.1f} s")

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from mbpam_ros.commands.workers import add_workers
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.fe.design_run import DEFAULT_MESH, FAST_MESH, FAST_WALL_MM, MESHES, Run
 from mbpam_ros.study.fe.mesh import CellGeometry
@@ -77,6 +78,17 @@ def add_points(parser: argparse.ArgumentParser, default: str) -> None:
 def add_pictures(parser: argparse.ArgumentParser) -> None:
     """Add whether pictures are drawn."""
     parser.add_argument("--no-pictures", dest="pictures", action="store_false", help="write numbers only")
+
+
+def add_comparison(parser: argparse.ArgumentParser, what: str, points: str) -> None:
+    """Add all arguments of a verb that sets designs of the paper beside it: ``what`` it writes, the default points."""
+    add_result(parser, what)
+    add_points(parser, points)
+    add_reading(parser)
+    add_mesh(parser)
+    add_model(parser)
+    add_pictures(parser)
+    add_workers(parser)
 
 
 def run_of(options: argparse.Namespace, design: Sequence[float] | None = None, pattern: str = "pdc") -> Run:

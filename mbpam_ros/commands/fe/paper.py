@@ -6,12 +6,7 @@ import argparse
 import json
 
 from mbpam_ros.commands.fe.model import (
-    add_mesh,
-    add_model,
-    add_pictures,
-    add_points,
-    add_reading,
-    add_result,
+    add_comparison,
     can_draw,
     check_result,
     points_of,
@@ -19,7 +14,7 @@ from mbpam_ros.commands.fe.model import (
     status_of,
     tell_pictures,
 )
-from mbpam_ros.commands.workers import add_workers, executor_for
+from mbpam_ros.commands.workers import executor_for
 from mbpam_ros.study.fe.mesh_error import mesh_error_text
 from mbpam_ros.study.fe.paper_comparison import compare_with_paper, draw_comparison
 from mbpam_ros.terminal import Progress
@@ -27,13 +22,7 @@ from mbpam_ros.terminal import Progress
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    add_result(parser, "where the comparison goes")
-    add_points(parser, "all")
-    add_reading(parser)
-    add_mesh(parser)
-    add_model(parser)
-    add_pictures(parser)
-    add_workers(parser)
+    add_comparison(parser, "where the comparison goes", "all")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -44,12 +44,15 @@ class Composition:
         """Advance the state in place by all sub-steps, as :func:`mbpam_ros.plant.mechanics.step.advance` does."""
         if len(heights) == 1:
             return advance(self._whole, heights, rates)
-        drive = self._parts.drive
-        whole = Drive(*(part.copy() for part in drive))
-        answer = self._advance(whole, heights, rates)
+        state, drive = self._parts.state, self._parts.drive
+        before, whole = [part.copy() for part in state], Drive(*(part.copy() for part in drive))
+        answer, iterations = self._advance(whole, heights, rates)
         for part, values in zip(drive, whole, strict=True):
-            part[:] = values
-        return answer
+            part[:] = values[1] if answer == OK else values
+        if answer != OK:
+            for own, kept in zip(state, before, strict=True):
+                own[:] = kept
+        return answer, iterations
 
     def _advance(self, whole: Drive, heights: Array, rates: Array) -> tuple[int, int]:
         state, drive, contacts, iterations = self._parts.state, self._parts.drive, self._parts.contacts, 0

@@ -24,15 +24,14 @@ class ContactKind(IntEnum):
 
 
 class ContactLaw(NamedTuple):
-    """Coefficients of the force law: k, c, mu, mu l_spin, l_roll, and the slip speeds [m/s] and [rad/s]."""
+    """Coefficients of the force law: k, c, mu, mu l_spin, l_roll, and the radius of the patch."""
 
     stiffness: float
     damping: float
     friction: float
     spin: float
     roll: float
-    slip_speed: float
-    slip_rate: float
+    patch: float
 
 
 @dataclass(frozen=True)
@@ -43,10 +42,8 @@ class ContactConfig:
         stiffness_n_m: penalty stiffness of the pair; with a muscle, of each length of its radius that touches.
         damping_n_s_m: viscous damping of the pair along the normal, likewise.
         friction_coefficient: Coulomb's mu.
-        spin_length_m: torque about the normal over mu times the normal force; 2/3 of the patch radius.
-        roll_length_m: rolling torque over the normal force; 0 for none.
-        slip_speed_m_s: speed below which a contact sticks (and creeps, in proportion to its load).
-        slip_rate_rad_s: the same for spin and rolling.
+        spin_length_m: largest torque about the normal over mu times the normal force; 2/3 of the patch radius.
+        roll_length_m: largest rolling torque over the normal force; 0 for none.
     """
 
     stiffness_n_m: float
@@ -54,11 +51,9 @@ class ContactConfig:
     friction_coefficient: float
     spin_length_m: float
     roll_length_m: float
-    slip_speed_m_s: float
-    slip_rate_rad_s: float
 
     def __post_init__(self) -> None:
-        require_positive(self, "stiffness_n_m", "slip_speed_m_s", "slip_rate_rad_s")
+        require_positive(self, "stiffness_n_m")
         for name in ("damping_n_s_m", "friction_coefficient", "spin_length_m", "roll_length_m"):
             if getattr(self, name) < 0.0:
                 raise ValueError(f"{name} must not be negative, found {getattr(self, name)}")
@@ -71,13 +66,12 @@ class ContactConfig:
             friction=self.friction_coefficient,
             spin=self.friction_coefficient * self.spin_length_m,
             roll=self.roll_length_m,
-            slip_speed=self.slip_speed_m_s,
-            slip_rate=self.slip_rate_rad_s,
+            patch=1.5 * max(self.spin_length_m, self.roll_length_m),
         )
 
 
 def law_table(configs: Mapping[ContactKind, ContactConfig]) -> NDArray[np.float64]:
-    """Return the laws of all kinds, a row a kind, shape (5, 7); :func:`~.contact_law.law_of` reads them.
+    """Return the laws of all kinds, a row a kind, shape (5, 6); :func:`~.contact_law.law_of` reads them.
 
     Raises:
         KeyError: a kind is missing.

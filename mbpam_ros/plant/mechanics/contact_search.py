@@ -2,7 +2,8 @@
 
 A muscle is a row of balls of its radius along its centreline, up to one radius before its end, so that its rounded tip
 ends where the muscle ends. Each ball that overlaps a solid is one contact and stands for the length of muscle about
-it. So the force is spread along the muscle as depth is, and does not jump where a muscle lies along a face.
+it. So the force is spread along the muscle as depth is, and does not jump where a muscle lies along a face. A gap that
+may close within the step is a contact too: what moves fast is met where it comes from.
 
 ``forceinline``: handing a dozen arrays to a function that is called for each ball takes as long as its work.
 """
@@ -19,6 +20,7 @@ from mbpam_ros.plant.mechanics.contact_config import ContactKind
 from mbpam_ros.plant.mechanics.contact_law import Contacts
 from mbpam_ros.plant.mechanics.finger_contact import Lines, append_finger_contacts
 from mbpam_ros.plant.mechanics.kernel import kernel
+from mbpam_ros.plant.mechanics.outlook import Outlook, ball_velocity, closes, object_velocity, write_rates
 from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, minus, plus, row, times, to_body, to_world, vector
 
@@ -61,7 +63,7 @@ def places(around: Surroundings) -> Places:
     plane = np.zeros(3)
     if around.table_in_reach:
         plane[2] = around.planes[-1, 0]
-    return Places(np.zeros(3), plane, np.eye(3), np.zeros((REST_POINTS, 3)))
+    return Places(np.zeros(3), plane, np.eye(3), np.zeros((REST_POINTS, 5)))
 
 
 def contact_limit(fingers: int, planes: int, fingers_touch: bool = False) -> int:
@@ -85,30 +87,41 @@ def _object_columns(place: Vector, d: int, jacobian: Array) -> None:
 @kernel(forceinline=True)
 def _muscle_contacts(
     rod: Rod, motion: Motion, finger: int, base: Array, shape: int, half: Array, centre: Array, rotation: Array,
-    contacts: Contacts,
+    slot: int, rise: float, outlook: Outlook, contacts: Contacts,
 ) -> None:  # fmt: skip
     """Append the contacts of one muscle with one solid.
 
     The distance changes by no more than the arc length: far from the solid, balls are left out.
     """
-    tangent, balls = motion.tangent[finger], rod.balls.shape[0]
+    balls = rod.balls.shape[0]
     sign = 1.0 if shape == PLANE else -1.0  # what is pushed: the muscle by a plane, or the object by the muscle
     nearest = 0  # the next ball that may touch
     for k in range(balls):
         if k < nearest:
             continue
-        place = minus(plus(ball_position(rod, tangent, k), vector(base, 0)), vector(centre, 0))
+        place = minus(plus(ball_position(rod, motion, finger, k), vector(base, 0)), vector(centre, 0))
         x, y, z = to_body(rotation, place)
         distance, gx, gy, gz = signed_distance(shape, half, x, y, z)
         depth = rod.radius - distance
-        if depth <= 0.0:
-            nearest = k + math.ceil(-depth / rod.farthest)
+        if depth <= -outlook.reach:
+            nearest = k + math.ceil(-(depth + outlook.reach) / rod.farthest)
             continue
         outward = to_world(rotation, (gx, gy, gz))
         arm = times(-0.5 * (distance + rod.radius), outward)  # to the point half-way between the two surfaces
+        muscle, solid = plus(ball_velocity(rod, outlook, finger, k), (0.0, 0.0, -rise)), (0.0, 0.0, 0.0)
+        if shape != PLANE:
+            solid = object_velocity(outlook, plus(place, arm))
+        if not closes(outlook, depth, outward, solid, muscle):
+            continue
         n = contacts.count[0]
         contacts.count[0] = n + 1
-        contacts.depth[n] = depth
+        contacts.depth[n], contacts.slot[n], contacts.finger[n], contacts.rise[n] = (
+            depth,
+            slot + k,
+            finger,
+            sign * -rise,
+        )
+        contacts.kind[n] = ContactKind.FINGER_SUPPORT if shape == PLANE else ContactKind.FINGER_OBJECT
         # The length about the ball, over the radius; the rounded tip counts as one radius more.
         length = rod.spacing if 0 < k < balls - 1 else 0.5 * rod.spacing
         contacts.share[n] = length / rod.radius + (1.0 if k == balls - 1 else 0.0)
@@ -122,7 +135,7 @@ def _muscle_contacts(
 @kernel
 def _rest_contacts(
     around: Surroundings, centre: Array, rotation: Array, lift: float, hand_velocity: float, points: Array,
-    contacts: Contacts,
+    slot: int, reach: float, contacts: Contacts,
 ) -> None:  # fmt: skip
     """Append the contacts of the object with its supports and the palm."""
     for p in range(around.planes.shape[0] + 1):
@@ -136,11 +149,12 @@ def _rest_contacts(
                 depth = -lift - centre[2] - place[2]
             else:
                 depth = centre[2] + place[2] - around.planes[p, 0]
-            if depth <= 0.0 or (foot_x < np.inf and depth > PLATE_THICKNESS_M):
+            if depth <= -reach or (foot_x < np.inf and depth > PLATE_THICKNESS_M):
                 continue
             n = contacts.count[0]
             contacts.count[0] = n + 1
-            contacts.depth[n], contacts.share[n] = depth, 1.0
+            contacts.depth[n], contacts.share[n] = depth, points[k, 4]
+            contacts.slot[n] = slot + REST_POINTS * p + int(points[k, 3])
             contacts.normal[n, 0], contacts.normal[n, 1] = 0.0, 0.0
             contacts.normal[n, 2] = 1.0 if palm else -1.0
             contacts.rise[n] = hand_velocity if palm else 0.0
@@ -151,12 +165,15 @@ def _rest_contacts(
 @kernel(inline="always")
 def find_contacts(
     bases: Array, rod: Rod, motion: Motion, around: Surroundings, centre: Array, rotation: Array,
-    lift: float, hand_velocity: float, room: Places, room_of_lines: Lines, contacts: Contacts,
+    lift: float, hand_velocity: float, near: bool, outlook: Outlook, room: Places, room_of_lines: Lines,
+    contacts: Contacts,
 ) -> None:  # fmt: skip
-    """Fill the table from the configuration at the start of a sub-step."""
+    """Fill the table from the configuration at the start of a sub-step; without muscles if nothing is ``near`` one."""
     base = room.base
     contacts.count[0] = 0
-    for f in range(bases.shape[0]):
+    if near:
+        write_rates(motion, contacts.coordinates, outlook)
+    for f in range(bases.shape[0] if near else 0):
         base[0], base[1], base[2] = bases[f, 0], bases[f, 1], bases[f, 2] - lift
         for kind in (ContactKind.FINGER_OBJECT, ContactKind.FINGER_SUPPORT):
             on_object = kind == ContactKind.FINGER_OBJECT
@@ -165,12 +182,13 @@ def find_contacts(
             shape, place, turn = around.shape, centre, rotation
             if not on_object:
                 shape, place, turn = PLANE, room.plane, room.level
-            first = contacts.count[0]
-            _muscle_contacts(rod, motion, f, base, shape, around.half, place, turn, contacts)
-            for c in range(first, contacts.count[0]):
-                contacts.finger[c], contacts.kind[c] = f, kind
-                contacts.rise[c] = hand_velocity if on_object else -hand_velocity
+            slot = BALLS * (2 * f + (0 if on_object else 1))
+            _muscle_contacts(
+                rod, motion, f, base, shape, around.half, place, turn, slot, hand_velocity, outlook, contacts
+            )
+    rest = 2 * BALLS * bases.shape[0]
     if around.shape >= 0:
-        _rest_contacts(around, centre, rotation, lift, hand_velocity, room.points, contacts)
-    if around.fingers_touch:
-        append_finger_contacts(bases, rod, motion, room_of_lines, contacts)
+        _rest_contacts(around, centre, rotation, lift, hand_velocity, room.points, rest, outlook.reach, contacts)
+    if around.fingers_touch and near:
+        between = rest + REST_POINTS * (around.planes.shape[0] + 1)
+        append_finger_contacts(bases, rod, motion, room_of_lines, between, outlook, contacts)

@@ -1,4 +1,10 @@
-"""The velocities after a step with contacts: Newton's method on a convex function, with an exact line search."""
+"""The velocities after a step with contacts: Newton's method on a convex function, with an exact line search.
+
+The function has the bounds of friction as they were last found. Each of the first steps takes them anew, from the
+normal forces at its start; from then on each function is minimised before they are. Where all contacts stick they make
+no difference. The fixed point is the solution with Coulomb's cone of the same step's normal forces (J. Haslinger et
+al., "Solution of variational inequalities in mechanics", 1988).
+"""
 
 from __future__ import annotations
 
@@ -8,28 +14,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
-from mbpam_ros.plant.mechanics.contact_law import Contacts, contact_force, contact_slope, law_of
+from mbpam_ros.plant.mechanics.contact_law import Contacts, bounds_hold, contact_force, contact_slope, law_of
 from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross
 
-NEWTON_LIMIT = 60
+NEWTON_LIMIT = 200
 LINE_LIMIT = 40
 BISECT_FROM = 5
 """Trials along one of Newton's steps after which every other one halves what is left of it. Where a contact closes
 further along, the slope is next to nothing before it and huge beyond: false position alone creeps toward it."""
 VELOCITY_TOLERANCE = 1e-8
 """Largest residual over diagonal [m/s or rad/s] at which the velocities are found."""
+BOUND_TOLERANCE = 5e-4
+"""What the bound of a contact that slips may be off by, over itself."""
+MINIMISE_FROM = 8
+"""Newton's steps after which bounds are taken anew only at a minimum."""
+RELAX_FROM, FALL_FROM = 4, 8
+"""Minima after which they go half of the way, and only down: where friction pushes what it rubs on into itself, or away
+from it, there may be no fixed point, and the cone is kept from inside."""
 
 
 @kernel
-def solve_in_place(a: Array, b: Array, first: NDArray[np.int64]) -> bool:
-    """Solve a x = b for a symmetric positive definite matrix; x ends in b. Returns False if it is none.
+def solve_in_place(a: Array, b: Array, first: NDArray[np.int64], begin: int, end: int) -> bool:
+    """Solve rows ``begin`` to ``end`` of a x = b for a symmetric positive definite a; x ends in b. False if it is none.
 
     L D L^T inside the envelope: row i is zero before column ``first[i]``, and so is that of L. Only the lower half of a
     is read, and overwritten by L and the inverse of D.
     """
-    n = b.shape[0]
-    for i in range(n):
+    for i in range(begin, end):
         pivot, right = a[i, i], b[i]
         for j in range(first[i], i):
             total = a[i, j]
@@ -44,25 +56,36 @@ def solve_in_place(a: Array, b: Array, first: NDArray[np.int64]) -> bool:
         if not pivot > 0.0:
             return False
         a[i, i], b[i] = 1.0 / pivot, right
-    for i in range(n):
+    for i in range(begin, end):
         b[i] *= a[i, i]
-    for i in range(n - 1, -1, -1):
+    for i in range(end - 1, begin - 1, -1):
         for k in range(first[i], i):
             b[k] -= a[i, k] * b[i]
     return True
 
 
 class Scratch(NamedTuple):
-    """Room for the solution of n equations.
+    """Room for the solution of one island: of bodies that touch each other, and their n equations one after another.
 
     Args:
-        hessian: shape (n, n).
-        smooth, pull, residual, step: a v - b, a times the step, what is left of the equations, and Newton's step, (n,).
+        island: of each body, the lowest number of a body in it; -1 for a body that touches nothing, shape (bodies,).
+        place: of each body, its first equation among those of the island, shape (bodies,).
+        rows: place of each equation in the system, shape (n,).
+        members: rows of the table of contacts, shape (contacts,).
+        a, hessian: shapes (n, n).
+        v, smooth, pull, residual, step: velocities, a v - b, a times the step, what is left of the equations, and
+            Newton's step, (n,).
         slope, trial: of one contact, shapes (2, 3, 3) and (6,).
         first: the envelope of the equations, shape (n,).
     """
 
+    island: NDArray[np.int64]
+    place: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    members: NDArray[np.int64]
+    a: Array
     hessian: Array
+    v: Array
     smooth: Array
     pull: Array
     residual: Array
@@ -72,39 +95,84 @@ class Scratch(NamedTuple):
     first: NDArray[np.int64]
 
 
-def scratch(size: int, coordinates: int, fingers: int) -> Scratch:
-    """Return room for ``size`` equations, those of the fingers first; the envelope is that of fingers apart."""
-    first = np.zeros(size, np.int64)
-    for i in range(fingers * coordinates):
-        first[i] = i // coordinates * coordinates
-    return Scratch(
-        np.empty((size, size)),
-        np.empty(size),
-        np.empty(size),
-        np.empty(size),
-        np.empty(size),
-        np.empty((2, 3, 3)),
-        np.empty(6),
-        first,
-    )
+def scratch(size: int, bodies: int, contacts: int) -> Scratch:
+    """Return room for ``size`` equations of so many bodies, the object last, and contacts."""
+    island, place, rows, members, first = (np.zeros(n, np.int64) for n in (bodies, bodies, size, contacts, size))
+    v, smooth, pull, residual, step = (np.empty(size) for _ in range(5))
+    a, hessian, slope, trial = np.empty((size, size)), np.empty((size, size)), np.empty((2, 3, 3)), np.empty(6)
+    return Scratch(island, place, rows, members, a, hessian, v, smooth, pull, residual, step, slope, trial, first)
 
 
 @kernel
-def _columns(contacts: Contacts, c: int, size: int) -> tuple[int, int, int, int]:
-    """Return the columns of the Jacobian from and to which a contact acts, and where its two parts go in the system."""
-    coordinates = contacts.coordinates
-    finger = coordinates * contacts.finger[c]
+def find_islands(contacts: Contacts, bodies: int, island: NDArray[np.int64]) -> None:
+    """Write the island of each body."""
+    for body in range(bodies):
+        island[body] = -1
+    for c in range(contacts.count[0]):
+        one, other = _bodies(contacts, c, bodies)
+        for body in (one, other):
+            if island[body] < 0:
+                island[body] = body
+        low, high = min(island[one], island[other]), max(island[one], island[other])
+        if low < high:
+            for body in range(bodies):
+                if island[body] == high:
+                    island[body] = low
+
+
+@kernel
+def _bodies(contacts: Contacts, c: int, bodies: int) -> tuple[int, int]:
+    """Return the two bodies of a contact, a finger first; one twice where it touches what is no body."""
+    finger, kind = contacts.finger[c], contacts.kind[c]
+    if kind == ContactKind.FINGER_FINGER:
+        return finger, contacts.other[c]
+    if kind == ContactKind.FINGER_SUPPORT:
+        return finger, finger
+    return (finger if finger >= 0 else bodies - 1), bodies - 1
+
+
+@kernel
+def _gather(a: Array, contacts: Contacts, label: int, room: Scratch) -> tuple[int, int]:
+    """Write what equations and contacts an island has, their envelope and a; return how many of each."""
+    bodies, size, coordinates = room.island.shape[0], a.shape[0], contacts.coordinates
+    n, count, first = 0, 0, room.first
+    for body in range(bodies):
+        if room.island[body] == label:
+            room.place[body] = n
+            own = coordinates if body < bodies - 1 else size - coordinates * (bodies - 1)
+            for i in range(own):
+                room.rows[n + i], first[n + i] = coordinates * body + i, n
+            n += own
+    for c in range(contacts.count[0]):
+        one, other = _bodies(contacts, c, bodies)
+        if room.island[one] == label:
+            room.members[count] = c
+            count += 1
+            start, own = room.place[other], coordinates if other < bodies - 1 else size - coordinates * (bodies - 1)
+            if room.place[one] < first[start]:
+                for i in range(start, start + own):
+                    first[i] = room.place[one]
+    for i in range(n):
+        for j in range(first[i], i + 1):
+            room.a[i, j] = a[room.rows[i], room.rows[j]]
+    return n, count
+
+
+@kernel
+def _columns(contacts: Contacts, c: int, room: Scratch) -> tuple[int, int, int, int]:
+    """Return the columns of the Jacobian from and to which a contact acts, and where its two parts go in the island."""
+    coordinates, finger = contacts.coordinates, max(contacts.finger[c], 0)
     if contacts.kind[c] == ContactKind.FINGER_FINGER:
-        return 0, 2 * coordinates, finger, coordinates * (contacts.other[c] - 1)
+        return 0, 2 * coordinates, room.place[finger], room.place[contacts.other[c]] - coordinates
     start = 0 if contacts.finger[c] >= 0 else coordinates
     stop = coordinates if contacts.kind[c] == ContactKind.FINGER_SUPPORT else coordinates + 6
-    return start, stop, finger, size - 6 - coordinates
+    return start, stop, room.place[finger], room.place[-1] - coordinates
 
 
 @kernel
-def _product(a: Array, v: Array, first: NDArray[np.int64], product: Array) -> None:
-    """Write a v, of the lower half of a inside the envelope."""
-    for i in range(v.shape[0]):
+def _product(a: Array, n: int, v: Array, first: NDArray[np.int64], product: Array) -> None:
+    """Write a v of the first n equations, of the lower half of a inside the envelope."""
+    for i in range(n):
         total = a[i, i] * v[i]
         for j in range(first[i], i):
             total += a[i, j] * v[j]
@@ -113,11 +181,12 @@ def _product(a: Array, v: Array, first: NDArray[np.int64], product: Array) -> No
 
 
 @kernel
-def _relative(contacts: Contacts, v: Array, relative: Array) -> None:
-    """Write J v of all contacts, shape (n, 6)."""
-    size, coordinates, jacobian = v.shape[0], contacts.coordinates, contacts.jacobian
-    for c in range(contacts.count[0]):
-        start, stop, finger, body = _columns(contacts, c, size)
+def _relative(contacts: Contacts, count: int, room: Scratch, v: Array, relative: Array) -> None:
+    """Write J v of the island's contacts, into rows of shape (6,)."""
+    coordinates, jacobian = contacts.coordinates, contacts.jacobian
+    for member in range(count):
+        c = room.members[member]
+        start, stop, finger, body = _columns(contacts, c, room)
         x, y, z, turn_x, turn_y, turn_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(start, stop):
             rate = v[finger + j if j < coordinates else body + j]
@@ -132,28 +201,31 @@ def _relative(contacts: Contacts, v: Array, relative: Array) -> None:
 
 
 @kernel(forceinline=True)
-def _push(h: float, laws: Array, contacts: Contacts, fraction: float, trial: Array) -> float:
+def _push(h: float, laws: Array, contacts: Contacts, count: int, room: Scratch, fraction: float) -> float:
     """Write the forces at the velocities less ``fraction`` of their change; return their power in the change."""
-    velocity, change, force, power = contacts.velocity, contacts.change, contacts.force, 0.0
-    for c in range(contacts.count[0]):
+    velocity, change, force, trial, power = contacts.velocity, contacts.change, contacts.force, room.trial, 0.0
+    for member in range(count):
+        c = room.members[member]
         for i in range(6):
             trial[i] = velocity[c, i] - fraction * change[c, i]
         contacts.push[c] = contact_force(
-            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.normal[c], trial, force[c]
-        )
+            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.load[c],
+            contacts.normal[c], contacts.springs[c], trial, force[c],
+        )  # fmt: skip
         for i in range(6):
             power += force[c, i] * change[c, i]
     return power
 
 
 @kernel
-def _residual(smooth: Array, h: float, contacts: Contacts, residual: Array) -> None:
+def _residual(n: int, h: float, contacts: Contacts, count: int, room: Scratch) -> None:
     """Write a v - b - h sum J^T F of the smooth part a v - b and the forces in the table."""
-    size, coordinates, jacobian, force = smooth.shape[0], contacts.coordinates, contacts.jacobian, contacts.force
-    for i in range(size):
-        residual[i] = smooth[i]
-    for c in range(contacts.count[0]):
-        start, stop, finger, body = _columns(contacts, c, size)
+    coordinates, jacobian, force, residual = contacts.coordinates, contacts.jacobian, contacts.force, room.residual
+    for i in range(n):
+        residual[i] = room.smooth[i]
+    for member in range(count):
+        c = room.members[member]
+        start, stop, finger, body = _columns(contacts, c, room)
         x, y, z = h * force[c, 0], h * force[c, 1], h * force[c, 2]
         turn_x, turn_y, turn_z = h * force[c, 3], h * force[c, 4], h * force[c, 5]
         for j in range(start, stop):
@@ -184,22 +256,23 @@ def _add_object(
 
 
 @kernel
-def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch) -> None:
+def _hessian(n: int, h: float, laws: Array, contacts: Contacts, count: int, room: Scratch) -> None:
     """Write the derivative of the residual; only its lower half.
 
     The object's columns of J are those of a rigid body: they are not multiplied out.
     """
-    size, coordinates, jacobian = a.shape[0], contacts.coordinates, contacts.jacobian
+    coordinates, jacobian = contacts.coordinates, contacts.jacobian
     hessian, slope, first = room.hessian, room.slope, room.first
-    for i in range(size):
+    for i in range(n):
         for j in range(first[i], i + 1):
-            hessian[i, j] = a[i, j]
-    for c in range(contacts.count[0]):
+            hessian[i, j] = room.a[i, j]
+    for member in range(count):
+        c = room.members[member]
         contact_slope(
-            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.normal[c],
-            contacts.velocity[c], contacts.push[c], slope,
+            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.load[c],
+            contacts.normal[c], contacts.springs[c], contacts.velocity[c], slope,
         )  # fmt: skip
-        start, stop, finger, body = _columns(contacts, c, size)
+        start, stop, finger, body = _columns(contacts, c, room)
         vxx, vxy, vxz = h * slope[0, 0, 0], h * slope[0, 0, 1], h * slope[0, 0, 2]
         vyy, vyz, vzz = h * slope[0, 1, 1], h * slope[0, 1, 2], h * slope[0, 2, 2]
         wxx, wxy, wxz = h * slope[1, 0, 0], h * slope[1, 0, 1], h * slope[1, 0, 2]
@@ -242,44 +315,82 @@ def _hessian(a: Array, h: float, laws: Array, contacts: Contacts, room: Scratch)
 
 
 @kernel
+def _take_bounds(contacts: Contacts, count: int, room: Scratch, share: float, falling: bool) -> None:
+    """Let the bounds go by ``share`` of the way to those of the normal forces found; if ``falling``, only down."""
+    for member in range(count):
+        c = room.members[member]
+        if falling and contacts.push[c] > contacts.load[c]:
+            continue
+        contacts.load[c] = share * contacts.push[c] + (1.0 - share) * contacts.load[c]
+
+
+@kernel
+def _bounds_hold(h: float, laws: Array, contacts: Contacts, count: int, room: Scratch, below: bool) -> bool:
+    for member in range(count):
+        c = room.members[member]
+        if not bounds_hold(
+            law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.load[c],
+            contacts.normal[c], contacts.springs[c], contacts.velocity[c], contacts.push[c], BOUND_TOLERANCE, below,
+        ):  # fmt: skip
+            return False
+    return True
+
+
+@kernel
 def solve_contacts(
-    a: Array, b: Array, v: Array, h: float, laws: Array, contacts: Contacts, room: Scratch
+    a: Array, b: Array, v: Array, label: int, h: float, laws: Array, contacts: Contacts, room: Scratch
 ) -> tuple[float, int]:
-    """Solve a v = b + h sum J^T F(J v) for v, from v; the table then has the forces.
+    """Solve a v = b + h sum J^T F(J v) for the v of an island, from v; the table then has its forces.
 
     Along one of Newton's steps all but the forces is linear, so a trial there costs these only. Of a, only what is in
-    the envelope of ``room`` is read. Returns what is left, the largest |residual_i| / a_ii [m/s or rad/s], and how many
+    the blocks of the bodies is read. Returns what is left, the largest |residual_i| / a_ii [m/s or rad/s], and how many
     steps it took.
     """
-    size, count, velocity, change = v.shape[0], contacts.count[0], contacts.velocity, contacts.change
-    smooth, pull, residual, step, first = room.smooth, room.pull, room.residual, room.step, room.first
-    _product(a, v, first, smooth)
-    for i in range(size):
-        smooth[i] -= b[i]
-    _relative(contacts, v, velocity)
-    for c in range(count):
+    velocity, change, first = contacts.velocity, contacts.change, room.first
+    own, smooth, pull, residual, step = room.v, room.smooth, room.pull, room.residual, room.step
+    n, count = _gather(a, contacts, label, room)
+    for i in range(n):
+        own[i] = v[room.rows[i]]
+    _product(room.a, n, own, first, smooth)
+    for i in range(n):
+        smooth[i] -= b[room.rows[i]]
+    _relative(contacts, count, room, own, velocity)
+    for member in range(count):
+        c = room.members[member]
         velocity[c, 2] += contacts.rise[c]
+        contacts.load[c] = -1.0
         for i in range(6):
             change[c, i] = 0.0
-    _push(h, laws, contacts, 0.0, room.trial)
+    _push(h, laws, contacts, count, room, 0.0)
+    _take_bounds(contacts, count, room, 1.0, False)
+    left, minima = np.inf, 0
     for iteration in range(NEWTON_LIMIT + 1):
-        _residual(smooth, h, contacts, residual)
+        _residual(n, h, contacts, count, room)
         left = 0.0
-        for i in range(size):
-            left = max(left, abs(residual[i]) / a[i, i])
-        if not left > VELOCITY_TOLERANCE or iteration == NEWTON_LIMIT:
+        for i in range(n):
+            left = max(left, abs(residual[i]) / room.a[i, i])
+        minimal = left <= VELOCITY_TOLERANCE
+        last = iteration == NEWTON_LIMIT
+        if (minimal or last) and _bounds_hold(h, laws, contacts, count, room, minima >= FALL_FROM):
             break
-        _hessian(a, h, laws, contacts, room)
-        for i in range(size):
-            step[i] = residual[i]
-        if not solve_in_place(room.hessian, step, first):
+        if last or not left < np.inf:
             return np.inf, iteration
-        _product(a, step, first, pull)
-        _relative(contacts, step, change)
+        if minimal or 0 < iteration < MINIMISE_FROM:
+            minima += 1 if minimal else 0
+            _take_bounds(contacts, count, room, 0.5 if RELAX_FROM <= minima < FALL_FROM else 1.0, minima > FALL_FROM)
+            _push(h, laws, contacts, count, room, 0.0)
+            _residual(n, h, contacts, count, room)
+        _hessian(n, h, laws, contacts, count, room)
+        for i in range(n):
+            step[i] = residual[i]
+        if not solve_in_place(room.hessian, step, first, 0, n):
+            return np.inf, iteration
+        _product(room.a, n, step, first, pull)
+        _relative(contacts, count, room, step, change)
         # The function's slope along the step rises from below zero: seek its root, if that is before 1 (Illinois).
         low, high, low_slope, high_slope, fraction = 0.0, 1.0, 0.0, 0.0, 1.0
         smooth_slope, smooth_rise = 0.0, 0.0
-        for i in range(size):
+        for i in range(n):
             low_slope -= residual[i] * step[i]
             smooth_slope -= smooth[i] * step[i]
             smooth_rise += pull[i] * step[i]
@@ -287,7 +398,7 @@ def solve_contacts(
         side, taken = 0, fraction
         for line in range(LINE_LIMIT):
             taken = fraction
-            here = smooth_slope + taken * smooth_rise + h * _push(h, laws, contacts, taken, room.trial)
+            here = smooth_slope + taken * smooth_rise + h * _push(h, laws, contacts, count, room, taken)
             if abs(here) <= enough or (line == 0 and here < 0.0):
                 break
             if here > 0.0:
@@ -302,10 +413,13 @@ def solve_contacts(
                 fraction = (low * high_slope - high * low_slope) / (high_slope - low_slope)
             else:
                 fraction = 0.5 * (low + high)
-        for i in range(size):
-            v[i] -= taken * step[i]
+        for i in range(n):
+            own[i] -= taken * step[i]
             smooth[i] -= taken * pull[i]
-        for c in range(count):
+        for member in range(count):
+            c = room.members[member]
             for i in range(6):
                 velocity[c, i] -= taken * change[c, i]
+    for i in range(n):
+        v[room.rows[i]] = own[i]
     return left, iteration

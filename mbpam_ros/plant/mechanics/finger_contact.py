@@ -20,6 +20,7 @@ import numpy as np
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
 from mbpam_ros.plant.mechanics.contact_law import Contacts
 from mbpam_ros.plant.mechanics.kernel import kernel
+from mbpam_ros.plant.mechanics.outlook import Outlook, ball_velocity, closes
 from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position, coordinates_of
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, combined, dot, minus, norm, plus, row, times
 
@@ -44,21 +45,40 @@ def lines(rod: Rod, fingers: int) -> Lines:
 
 
 @kernel
-def fingers_near(bases: Array, rod: Rod, motion: Motion, room: Lines) -> bool:
-    """Write the boxes of all fingers; return whether any two overlap."""
-    slack = rod.radius + 0.5 * _STRIDE * rod.farthest
-    near = False
+def write_boxes(bases: Array, rod: Rod, motion: Motion, margin: float, room: Lines) -> None:
+    """Write the boxes of all fingers, widened by a margin."""
+    slack = rod.radius + 0.5 * _STRIDE * rod.farthest + margin
     for f in range(bases.shape[0]):
         box = room.boxes[f]
         box[0, :], box[1, :] = np.inf, -np.inf
         for ball in range(0, rod.balls.shape[0], _STRIDE):
-            place = ball_position(rod, motion.tangent[f], ball)
+            place = ball_position(rod, motion, f, ball)
             for i in range(3):
                 box[0, i] = min(box[0, i], bases[f, i] + place[i] - slack)
                 box[1, i] = max(box[1, i], bases[f, i] + place[i] + slack)
-        for g in range(f):
-            near = near or _overlap(room.boxes[g], box)
-    return near
+
+
+@kernel
+def fingers_near(room: Lines) -> bool:
+    """Return whether the boxes of any two fingers overlap."""
+    for g in range(1, room.boxes.shape[0]):
+        for f in range(g):
+            if _overlap(room.boxes[g], room.boxes[f]):
+                return True
+    return False
+
+
+@kernel
+def near_ball(room: Lines, centre: Vector, radius: float) -> bool:
+    """Return whether any finger's box is within a radius of a place."""
+    for f in range(room.boxes.shape[0]):
+        off = 0.0
+        for i in range(3):
+            aside = max(room.boxes[f, 0, i] - centre[i], centre[i] - room.boxes[f, 1, i], 0.0)
+            off += aside * aside
+        if off < radius * radius:
+            return True
+    return False
 
 
 @kernel
@@ -70,20 +90,26 @@ def _overlap(one: Array, other: Array) -> bool:
 
 
 @kernel
-def append_finger_contacts(bases: Array, rod: Rod, motion: Motion, room: Lines, contacts: Contacts) -> None:
-    """Append the contacts of all fingers with each other."""
-    if not fingers_near(bases, rod, motion, room):
+def append_finger_contacts(
+    bases: Array, rod: Rod, motion: Motion, room: Lines, slot: int, outlook: Outlook, contacts: Contacts
+) -> None:
+    """Append the contacts of all fingers with each other, in slots from ``slot`` on."""
+    write_boxes(bases, rod, motion, 0.5 * outlook.reach, room)
+    if not fingers_near(room):
         return
     _write_points(bases, rod, motion, _FINE_STRIDE, room.points)
     complete = False
     for g in range(1, bases.shape[0]):
         for f in range(g):
-            if _overlap(room.boxes[f], room.boxes[g]) and _may_touch(rod, room.points[f], room.points[g]):
+            if _overlap(room.boxes[f], room.boxes[g]) and _may_touch(
+                rod, room.points[f], room.points[g], outlook.reach
+            ):
                 if not complete:
                     _write_points(bases, rod, motion, 1, room.points)
                     complete = True
-                _ball_contacts(bases, rod, motion, f, g, room, contacts)
-                _ball_contacts(bases, rod, motion, g, f, room, contacts)
+                pair = slot + (g * (g - 1) + 2 * f) * rod.balls.shape[0]
+                _ball_contacts(bases, rod, motion, f, g, room, pair, outlook, contacts)
+                _ball_contacts(bases, rod, motion, g, f, room, pair + rod.balls.shape[0], outlook, contacts)
 
 
 @kernel
@@ -91,14 +117,14 @@ def _write_points(bases: Array, rod: Rod, motion: Motion, stride: int, points: A
     """Write the places of every ``stride``-th ball of all fingers."""
     for f in range(bases.shape[0]):
         for ball in range(0, rod.balls.shape[0], stride):
-            place = plus(row(bases, f), ball_position(rod, motion.tangent[f], ball))
+            place = plus(row(bases, f), ball_position(rod, motion, f, ball))
             points[f, ball, 0], points[f, ball, 1], points[f, ball, 2] = place
 
 
 @kernel
-def _may_touch(rod: Rod, one: Array, other: Array) -> bool:
+def _may_touch(rod: Rod, one: Array, other: Array, gap: float) -> bool:
     """Whether two muscles may touch, by their compared balls: what is between is within half a stride of one."""
-    reach = 2.0 * rod.radius + _FINE_STRIDE * rod.farthest
+    reach = 2.0 * rod.radius + _FINE_STRIDE * rod.farthest + gap
     for k in range(0, one.shape[0], _FINE_STRIDE):
         for m in range(0, other.shape[0], _FINE_STRIDE):
             between = minus(row(one, k), row(other, m))
@@ -108,12 +134,13 @@ def _may_touch(rod: Rod, one: Array, other: Array) -> bool:
 
 
 @kernel
-def _nearest_point(points: Array, spacing: float, place: Vector) -> tuple[float, float]:
+def _nearest_point(points: Array, spacing: float, place: Vector, guess: int) -> tuple[float, float]:
     """Return the ball and fraction along a centreline that is nearest to a place, and its distance.
 
-    The distance to the balls changes by no more than the arc length: those that cannot be the nearest are left out.
+    The distance to the balls changes by no more than the arc length: those that cannot be nearer than that of the
+    ``guess`` are left out.
     """
-    balls, best, nearest, k = points.shape[0], np.inf, 0, 0
+    balls, best, nearest, k = points.shape[0], norm(minus(place, row(points, guess))), guess, 0
     while k < balls:
         distance = norm(minus(place, row(points, k)))
         if distance < best:
@@ -132,36 +159,44 @@ def _nearest_point(points: Array, spacing: float, place: Vector) -> tuple[float,
 
 @kernel
 def _ball_contacts(
-    bases: Array, rod: Rod, motion: Motion, one: int, other: int, room: Lines, contacts: Contacts
-) -> None:
+    bases: Array, rod: Rod, motion: Motion, one: int, other: int, room: Lines, slot: int, outlook: Outlook,
+    contacts: Contacts,
+) -> None:  # fmt: skip
     """Append the contacts of the balls of finger ``one`` with the centreline of the ``other``."""
     balls, line = rod.balls.shape[0], room.points[other]
-    next_ball = 0  # the next that may touch
+    next_ball, guess = 0, 0  # the next that may touch, and what was nearest to the one before
     for k in range(balls):
         if k < next_ball:
             continue
         centre = row(room.points[one], k)
-        along, distance = _nearest_point(line, rod.farthest, centre)
+        along, distance = _nearest_point(line, rod.farthest, centre, guess)
+        guess = int(along)
         depth = 2.0 * rod.radius - distance
-        if depth <= 0.0:
-            next_ball = k + math.ceil(-depth / rod.farthest)
+        if depth <= -outlook.reach:
+            next_ball = k + math.ceil(-(depth + outlook.reach) / rod.farthest)
             continue
         j = min(int(along), balls - 2)
         t = along - j
-        n = contacts.count[0]
-        contacts.count[0] = n + 1
-        contacts.depth[n], contacts.rise[n], contacts.kind[n] = depth, 0.0, ContactKind.FINGER_FINGER
-        # Half the length about the ball, over the radius; the rounded tip counts as one radius more.
-        length = rod.spacing if 0 < k < balls - 1 else 0.5 * rod.spacing
-        contacts.share[n] = 0.5 * (length / rod.radius + (1.0 if k == balls - 1 else 0.0))
-        contacts.finger[n], contacts.other[n] = min(one, other), max(one, other)
         # From the finger of lower number into the other, which is the one that is pushed.
         toward, start = 1.0 if one < other else -1.0, row(line, j)
         across = combined(1.0, start, t, minus(row(line, j + 1), start), -1.0, centre)
         if distance < _SAME_POINT_M:  # centrelines cross: apart as the clamps are
             across = minus(row(bases, other), row(bases, one))
-        apart = norm(across)
-        normal = (toward * across[0] / apart, toward * across[1] / apart, toward * across[2] / apart)
+        outward = times(1.0 / norm(across), across)
+        theirs = plus(
+            times(1.0 - t, ball_velocity(rod, outlook, other, j)), times(t, ball_velocity(rod, outlook, other, j + 1))
+        )
+        if not closes(outlook, depth, outward, ball_velocity(rod, outlook, one, k), theirs):
+            continue
+        n = contacts.count[0]
+        contacts.count[0] = n + 1
+        contacts.depth[n], contacts.rise[n], contacts.kind[n] = depth, 0.0, ContactKind.FINGER_FINGER
+        contacts.slot[n] = slot + k
+        # Half the length about the ball, over the radius; the rounded tip counts as one radius more.
+        length = rod.spacing if 0 < k < balls - 1 else 0.5 * rod.spacing
+        contacts.share[n] = 0.5 * (length / rod.radius + (1.0 if k == balls - 1 else 0.0))
+        contacts.finger[n], contacts.other[n] = min(one, other), max(one, other)
+        normal = times(toward, outward)
         contacts.normal[n, 0], contacts.normal[n, 1], contacts.normal[n, 2] = normal
         coordinates, jacobian = contacts.coordinates, contacts.jacobian[n].T
         arm = times(0.5 * toward * distance, normal)  # to the point half-way between the centrelines

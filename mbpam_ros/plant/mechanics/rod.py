@@ -41,7 +41,6 @@ Frame: the clamp's, z along the hanging muscle. Columns of Jacobians: q_0x, q_0y
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -49,8 +48,19 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 
 from mbpam_ros.actuator.design import MuscleGeometry
-from mbpam_ros.plant.mechanics.kernel import kernel
-from mbpam_ros.plant.mechanics.vectors import Array, Vector, combined, cross, dot, plus, times
+from mbpam_ros.plant.mechanics.kernel import kernel, piece
+from mbpam_ros.plant.mechanics.lanes import (
+    WIDTH,
+    Lanes,
+    LaneVector,
+    any_above,
+    lane,
+    load,
+    splat,
+    store,
+    with_lane,
+)
+from mbpam_ros.plant.mechanics.vectors import Array, Number, Vector, combined, cross, dot, plus, times
 
 _MAGNUS = math.sqrt(3.0) / 12.0
 _GAUSS = 0.5 / math.sqrt(3.0)
@@ -96,16 +106,16 @@ class Rod(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Muscles in motion; the row of director 0, the clamp's, stays as it is.
+    """Muscles in motion, one a lane; the row of director 0, the clamp's, stays as it is.
 
     Args:
         tangent: directors d_k: t at the Lobatto points, or, with stretch, z, s t at these points, and t of the tip;
-            shape (4, N + 1, 3). The last one is a unit vector, the tip's.
-        turning: derivative of the turning of the directors' sections by the coordinates, shape (4, N + 1, 3, D).
-        slope: derivative of the directors, shape (4, N + 1, 3, D).
-        acceleration: d2/dt2 of the directors while the coordinates' rates are constant, shape (4, N + 1, 3).
-        spin: derivative of the spin about the tangent of points 1 to S, W_i.t, shape (4, S, D); without twist none.
-        spin_load: d(t.w)/dt while the coordinates' rates are constant, and (t.w) t.(w x W_i), shape (4, S, 1 + D).
+            shape (N + 1, 3, 4). The last one is a unit vector, the tip's.
+        turning: derivative of the turning of the directors' sections by the coordinates, shape (N + 1, 3, D, 4).
+        slope: derivative of the directors, shape (N + 1, 3, D, 4).
+        acceleration: d2/dt2 of the directors while the coordinates' rates are constant, shape (N + 1, 3, 4).
+        spin: derivative of the spin about the tangent of points 1 to S, W_i.t, shape (S, D, 4); without twist none.
+        spin_load: d(t.w)/dt while the coordinates' rates are constant, and (t.w) t.(w x W_i), shape (S, 1 + D, 4).
     """
 
     tangent: Array
@@ -114,6 +124,10 @@ class Motion(NamedTuple):
     acceleration: Array
     spin: Array
     spin_load: Array
+
+    def of(self, finger: int) -> Motion:
+        """Return that of one muscle, as views without the last axis."""
+        return Motion(*(part[..., finger] for part in self))
 
 
 def build_rod(
@@ -158,24 +172,24 @@ def coordinates_of(rod: Rod) -> int:
     return 2 * int(rod.bends.shape[2]) + int(rod.twists.shape[2]) + int(rod.stretches.shape[1])
 
 
-def motion_at_rest(rod: Rod, fingers: int) -> Motion:
+def motion_at_rest(rod: Rod) -> Motion:
     """Return the motion of straight muscles; what is not the clamp's is to be overwritten by :func:`move_rods`."""
     directors, columns, spins = len(rod.levers) + 1, coordinates_of(rod), len(rod.spins)
-    tangent = np.zeros((fingers, directors, 3))
-    tangent[..., 2] = 1.0
+    tangent = np.zeros((directors, 3, WIDTH))
+    tangent[:, 2] = 1.0
     return Motion(
         tangent,
-        np.zeros((fingers, directors, 3, columns)),
-        np.zeros((fingers, directors, 3, columns)),
+        np.zeros((directors, 3, columns, WIDTH)),
+        np.zeros((directors, 3, columns, WIDTH)),
         np.zeros_like(tangent),
-        np.zeros((fingers, spins, columns)),
-        np.zeros((fingers, spins, 1 + columns)),
+        np.zeros((spins, columns, WIDTH)),
+        np.zeros((spins, 1 + columns, WIDTH)),
     )
 
 
 def room_for_loads(rod: Rod) -> Array:
     """Return the scratch of :func:`masses_and_loads`."""
-    return np.zeros((1 + (coordinates_of(rod) + 1) // 2, 6 * len(rod.levers) + 2 * len(rod.spins)))
+    return np.zeros((1 + coordinates_of(rod), 3 * len(rod.levers) + len(rod.spins), WIDTH))
 
 
 def position_weights(
@@ -236,7 +250,7 @@ def _lagrange_coefficients(segments: int) -> Array:
     return inverse.astype(np.float64, copy=False)
 
 
-@kernel
+@piece
 def stumpff(u: float) -> tuple[float, float, float, float, float]:
     """Return c_1 .. c_5 at u = x^2 >= 0: c_1 = sin x / x, c_2 = (1 - cos x) / u, c_{k+2} = (1 / k! - c_k) / u."""
     if u > 1.0:
@@ -244,6 +258,12 @@ def stumpff(u: float) -> tuple[float, float, float, float, float]:
         c1, c2 = math.sin(angle) / angle, (1.0 - math.cos(angle)) / u
         c3 = (1.0 - c1) / u
         return c1, c2, c3, (0.5 - c2) / u, (1.0 / 6.0 - c3) / u
+    return _stumpff_series(u)
+
+
+@piece
+def _stumpff_series(u: Number) -> tuple[Number, Number, Number, Number, Number]:
+    """Return the series of c_1 .. c_5, to the last digit up to u = 1."""
     c4, c5 = 1.0 - u * (1.0 / 240.0), 1.0 - u * (1.0 / 272.0)
     c4, c5 = 1.0 - u * (1.0 / 182.0) * c4, 1.0 - u * (1.0 / 210.0) * c5
     c4, c5 = 1.0 - u * (1.0 / 132.0) * c4, 1.0 - u * (1.0 / 156.0) * c5
@@ -254,187 +274,207 @@ def stumpff(u: float) -> tuple[float, float, float, float, float]:
     return 1.0 - u * c3, 0.5 - u * c4, c3, c4, c5
 
 
-@kernel(forceinline=True)
-def _write_column(turning: Array, slope: Array, f: int, row: int, n: int, w: Vector, t: Vector) -> None:
-    turning[f, row, 0, n], turning[f, row, 1, n], turning[f, row, 2, n] = w
-    slope[f, row, 0, n] = w[1] * t[2] - w[2] * t[1]
-    slope[f, row, 1, n] = w[2] * t[0] - w[0] * t[2]
-    slope[f, row, 2, n] = w[0] * t[1] - w[1] * t[0]
+@piece
+def stumpff_of_lanes(u: Lanes) -> tuple[Lanes, Lanes, Lanes, Lanes, Lanes]:
+    """Return what :func:`stumpff` does of each lane."""
+    c1, c2, c3, c4, c5 = _stumpff_series(u)
+    if any_above(u, 1.0):
+        for f in range(WIDTH):
+            if lane(u, f) > 1.0:
+                far = stumpff(lane(u, f))
+                c1, c2, c3 = with_lane(c1, f, far[0]), with_lane(c2, f, far[1]), with_lane(c3, f, far[2])
+                c4, c5 = with_lane(c4, f, far[3]), with_lane(c5, f, far[4])
+    return c1, c2, c3, c4, c5
 
 
-@kernel(forceinline=True)
-def _write_spin(motion: Motion, f: int, k: int, row: int, columns: int, t: Vector, turn: Vector, gain: Vector) -> None:
+@piece
+def _load_vector(values: Array, row: int) -> LaneVector:
+    return load(values, (row, 0)), load(values, (row, 1)), load(values, (row, 2))
+
+
+@piece
+def _store_vector(values: Array, row: int, vector: LaneVector) -> None:
+    store(values, (row, 0), vector[0])
+    store(values, (row, 1), vector[1])
+    store(values, (row, 2), vector[2])
+
+
+@piece
+def _load_column(values: Array, row: int, n: int) -> LaneVector:
+    return load(values, (row, 0, n)), load(values, (row, 1, n)), load(values, (row, 2, n))
+
+
+@piece
+def _store_column(values: Array, row: int, n: int, column: LaneVector) -> None:
+    store(values, (row, 0, n), column[0])
+    store(values, (row, 1, n), column[1])
+    store(values, (row, 2, n), column[2])
+
+
+@piece
+def _write_spin(
+    motion: Motion, k: int, row: int, columns: int, t: LaneVector, turn: LaneVector, gain: LaneVector
+) -> None:
     """Write spin and its load of point k + 1; the first ``columns`` coordinates turn it."""
-    turning, spin, load = motion.turning[f, row], motion.spin[f, k], motion.spin_load[f, k]
     rate, across = dot(t, turn), cross(t, turn)
-    load[0] = dot(t, gain)
+    store(motion.spin_load, (k, 0), dot(t, gain))
     for n in range(columns):
-        w = (turning[0, n], turning[1, n], turning[2, n])
-        spin[n], load[1 + n] = dot(t, w), rate * dot(across, w)  # t.(w x W) = (t x w).W
+        w = _load_column(motion.turning, row, n)
+        store(motion.spin, (k, n), dot(t, w))
+        store(motion.spin_load, (k, 1 + n), rate * dot(across, w))  # t.(w x W) = (t x w).W
 
 
-@kernel(forceinline=True)
+@piece
 def _stretch_director(
-    q: Array, rate: Array, rod: Rod, motion: Motion, f: int, k: int, row: int, t: Vector, swing: Vector
+    q: Array, rate: Array, rod: Rod, motion: Motion, k: int, row: int, t: LaneVector, swing: LaneVector
 ) -> None:
     """Make s t of the tangent t at point k + 1; after the last point stands t itself, the tip's."""
     stretches, tangent, acceleration, slope = rod.stretches, motion.tangent, motion.acceleration, motion.slope
-    columns = slope.shape[3]
+    columns = slope.shape[2]
     first = columns - stretches.shape[1]
+    change = _load_vector(acceleration, row)
     if k == rod.bends.shape[0] - 1:
-        for i in range(3):
-            tangent[f, row + 1, i], acceleration[f, row + 1, i] = tangent[f, row, i], acceleration[f, row, i]
-            for n in range(first):
-                slope[f, row + 1, i, n] = slope[f, row, i, n]
-                motion.turning[f, row + 1, i, n] = motion.turning[f, row, i, n]
-    long, growth = 1.0, 0.0
-    for i in range(stretches.shape[1]):
-        long += stretches[k + 1, i] * q[f, first + i]
-        growth += stretches[k + 1, i] * rate[f, first + i]
-    for i in range(3):
-        tangent[f, row, i] = long * t[i]
-        acceleration[f, row, i] = long * acceleration[f, row, i] + 2.0 * growth * swing[i]
+        _store_vector(tangent, row + 1, t)
+        _store_vector(acceleration, row + 1, change)
         for n in range(first):
-            slope[f, row, i, n] *= long
-        for n in range(first, columns):
-            slope[f, row, i, n] = stretches[k + 1, n - first] * t[i]
-
-
-def _mover(strained: bool) -> Callable[[Array, Array, Rod, Motion], None]:
-    """Compile the motion of rods that only bend, or of all: one for all would cost the former a fifth more."""
-
-    @kernel
-    def move(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
-        bends, twists, stretches = rod.bends, rod.twists, rod.stretches
-        modes, twist_modes, stretch_modes = bends.shape[2], twists.shape[2], stretches.shape[1]
-        first_twist, first_stretch = 2 * modes, 2 * modes + twist_modes
-        stretching = strained and stretch_modes > 0
-        tangent, acceleration, turning, slope = motion.tangent, motion.acceleration, motion.turning, motion.slope
-        for f in range(q.shape[0]):
-            rx, ry, rz = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # rows of R
-            turn, gain = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)  # turning rate of the section, and its rate
-            before = 0  # row of the section before
-            if stretching:
-                before = 1
-                long = 1.0
-                for i in range(stretch_modes):
-                    long += stretches[0, i] * q[f, first_stretch + i]
-                    slope[f, 1, 2, first_stretch + i] = stretches[0, i]
-                tangent[f, 1, 2] = long
-            for k in range(bends.shape[0]):
-                b1x, b1y, b2x, b2y, d1x, d1y, d2x, d2y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                for i in range(modes):
-                    x, y, one, two = 2 * i, 2 * i + 1, bends[k, 0, i], bends[k, 1, i]
-                    b1x, b1y, b2x, b2y = (
-                        b1x + one * q[f, x],
-                        b1y + one * q[f, y],
-                        b2x + two * q[f, x],
-                        b2y + two * q[f, y],
-                    )
-                    d1x, d1y, d2x, d2y = (
-                        d1x + one * rate[f, x],
-                        d1y + one * rate[f, y],
-                        d2x + two * rate[f, x],
-                        d2y + two * rate[f, y],
-                    )
-                o = (-0.5 * (b1y + b2y), 0.5 * (b1x + b2x), _MAGNUS * (b1x * b2y - b1y * b2x))
-                do = (-0.5 * (d1y + d2y), 0.5 * (d1x + d2x), _MAGNUS * (d1x * b2y + b1x * d2y - d1y * b2x - b1y * d2x))
-                ddo = (0.0, 0.0, 2.0 * _MAGNUS * (d1x * d2y - d1y * d2x))
-                t1, t2, e1, e2 = 0.0, 0.0, 0.0, 0.0  # twist and its rate at the Gauss points
-                if strained:
-                    for i in range(twist_modes):
-                        n, one, two = first_twist + i, twists[k, 0, i], twists[k, 1, i]
-                        t1, t2 = t1 + one * q[f, n], t2 + two * q[f, n]
-                        e1, e2 = e1 + one * rate[f, n], e2 + two * rate[f, n]
-                    o = plus(o, (_MAGNUS * (b1x * t2 - t1 * b2x), _MAGNUS * (b1y * t2 - t1 * b2y), 0.5 * (t1 + t2)))
-                    do = plus(
-                        do,
-                        (
-                            _MAGNUS * (d1x * t2 + b1x * e2 - e1 * b2x - t1 * d2x),
-                            _MAGNUS * (d1y * t2 + b1y * e2 - e1 * b2y - t1 * d2y),
-                            0.5 * (e1 + e2),
-                        ),
-                    )
-                    ddo = (2.0 * _MAGNUS * (d1x * e2 - e1 * d2x), 2.0 * _MAGNUS * (d1y * e2 - e1 * d2y), ddo[2])
-                u, du = dot(o, o), 2.0 * dot(o, do)
-                c1, c2, c3, c4, c5 = stumpff(u)
-                # rows of R [o] and R [o]^2, then of R T
-                ax, ay, az = cross(rx, o), cross(ry, o), cross(rz, o)
-                bx, by, bz = cross(ax, o), cross(ay, o), cross(az, o)
-                tx = combined(1.0, rx, c2, ax, c3, bx)
-                ty = combined(1.0, ry, c2, ay, c3, by)
-                tz = combined(1.0, rz, c2, az, c3, bz)
-                # r = dT/dt do/dt, with dc_k/du = (k c_{k+2} - c_{k+1}) / 2
-                e = cross(o, do)
-                r = combined(c3, cross(do, e), 0.5 * (2.0 * c4 - c3) * du, e, 0.5 * (3.0 * c5 - c4) * du, cross(o, e))
-                own = (dot(tx, do), dot(ty, do), dot(tz, do))
-                own_gain = (dot(rx, r) + dot(tx, ddo), dot(ry, r) + dot(ty, ddo), dot(rz, r) + dot(tz, ddo))
-                gain = combined(1.0, gain, 1.0, own_gain, 1.0, cross(turn, own))
-                turn = plus(turn, own)
-                rx = combined(1.0, rx, c1, ax, c2, bx)
-                ry = combined(1.0, ry, c1, ay, c2, by)
-                rz = combined(1.0, rz, c1, az, c2, bz)
-                t = (rx[2], ry[2], rz[2])
-                here = before + 1
-                swing = cross(turn, t)
-                change = plus(cross(gain, t), cross(turn, swing))
-                for i in range(3):
-                    tangent[f, here, i], acceleration[f, here, i] = t[i], change[i]
-                for i in range(modes):
-                    one, two = bends[k, 0, i], bends[k, 1, i]
-                    mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
-                    x_along, y_along = (
-                        one * b2y - two * b1y,
-                        two * b1x - one * b2x,
-                    )  # do/dq along z; across it is z x mean
-                    for j in range(2):
-                        n, p, y, z = 2 * i + j, 1 - j, (mean if j == 0 else -mean), (x_along if j == 0 else y_along)
-                        wx = turning[f, before, 0, n] + tx[p] * y + tx[2] * z
-                        wy = turning[f, before, 1, n] + ty[p] * y + ty[2] * z
-                        wz = turning[f, before, 2, n] + tz[p] * y + tz[2] * z
-                        if strained:
-                            aside = one * t2 - two * t1
-                            wx, wy, wz = wx + tx[j] * aside, wy + ty[j] * aside, wz + tz[j] * aside
-                        _write_column(turning, slope, f, here, n, (wx, wy, wz), t)
-                if strained:
-                    for i in range(twist_modes):
-                        n, one, two = first_twist + i, twists[k, 0, i], twists[k, 1, i]
-                        mean, one, two = 0.5 * (one + two), _MAGNUS * one, _MAGNUS * two
-                        v = (two * b1x - one * b2x, two * b1y - one * b2y, mean)
-                        w = (
-                            turning[f, before, 0, n] + dot(tx, v),
-                            turning[f, before, 1, n] + dot(ty, v),
-                            turning[f, before, 2, n] + dot(tz, v),
-                        )
-                        _write_column(turning, slope, f, here, n, w, t)
-                if strained and twist_modes > 0:
-                    _write_spin(motion, f, k, here, first_stretch, t, turn, gain)
-                if stretching:
-                    _stretch_director(q, rate, rod, motion, f, k, here, t, swing)
-                before = here
-
-    return move
-
-
-_move_bending, _move_strained = _mover(False), _mover(True)
+            _store_column(slope, row + 1, n, _load_column(slope, row, n))
+            _store_column(motion.turning, row + 1, n, _load_column(motion.turning, row, n))
+    long, growth = splat(1.0), splat(0.0)
+    for i in range(stretches.shape[1]):
+        long = long + stretches[k + 1, i] * load(q, (first + i,))
+        growth = growth + stretches[k + 1, i] * load(rate, (first + i,))
+    twice = 2.0 * growth
+    _store_vector(tangent, row, (long * t[0], long * t[1], long * t[2]))
+    change = (
+        long * change[0] + twice * swing[0],
+        long * change[1] + twice * swing[1],
+        long * change[2] + twice * swing[2],
+    )
+    _store_vector(acceleration, row, change)
+    for n in range(first):
+        x, y, z = _load_column(slope, row, n)
+        _store_column(slope, row, n, (long * x, long * y, long * z))
+    for n in range(first, columns):
+        share = stretches[k + 1, n - first]
+        _store_column(slope, row, n, (share * t[0], share * t[1], share * t[2]))
 
 
 @kernel(forceinline=True)
 def move_rods(q: Array, rate: Array, rod: Rod, motion: Motion) -> None:
-    """Write the motion of all muscles with coordinates q and their rates, shapes (4, D).
+    """Write the motion of all muscles with coordinates q and their rates, shapes (D, 4).
 
     A segment turns at T do/dt seen from its start, T = 1 + c_2 [o] + c_3 [o]^2, and while dq/dt is constant this grows
     at dT/dt do/dt + T d2o/dt2; only the Magnus term has a second derivative then.
     """
-    if rod.twists.shape[2] + rod.stretches.shape[1] > 0:
-        _move_strained(q, rate, rod, motion)
-    else:
-        _move_bending(q, rate, rod, motion)
+    bends, twists, stretches = rod.bends, rod.twists, rod.stretches
+    modes, twist_modes, stretch_modes = bends.shape[2], twists.shape[2], stretches.shape[1]
+    first_twist, first_stretch = 2 * modes, 2 * modes + twist_modes
+    turning, slope = motion.turning, motion.slope
+    none, one = splat(0.0), splat(1.0)
+    rx, ry, rz = (one, none, none), (none, one, none), (none, none, one)  # rows of R
+    turn, gain = (none, none, none), (none, none, none)  # turning rate of the section, and its rate
+    before = 0  # row of the section before
+    if stretch_modes > 0:
+        before = 1
+        long = one
+        for i in range(stretch_modes):
+            long = long + stretches[0, i] * load(q, (first_stretch + i,))
+            store(slope, (1, 2, first_stretch + i), splat(stretches[0, i]))
+        store(motion.tangent, (1, 2), long)
+    for k in range(bends.shape[0]):
+        # bend and twist at the two Gauss points, and their rates
+        b1x, b1y, b2x, b2y, d1x, d1y, d2x, d2y = none, none, none, none, none, none, none, none
+        for i in range(modes):
+            at1, at2 = bends[k, 0, i], bends[k, 1, i]
+            x, y, dx, dy = load(q, (2 * i,)), load(q, (2 * i + 1,)), load(rate, (2 * i,)), load(rate, (2 * i + 1,))
+            b1x, b1y, b2x, b2y = b1x + at1 * x, b1y + at1 * y, b2x + at2 * x, b2y + at2 * y
+            d1x, d1y, d2x, d2y = d1x + at1 * dx, d1y + at1 * dy, d2x + at2 * dx, d2y + at2 * dy
+        o = (-0.5 * (b1y + b2y), 0.5 * (b1x + b2x), _MAGNUS * (b1x * b2y - b1y * b2x))
+        do = (-0.5 * (d1y + d2y), 0.5 * (d1x + d2x), _MAGNUS * (d1x * b2y + b1x * d2y - d1y * b2x - b1y * d2x))
+        ddo = 2.0 * _MAGNUS * (d1x * d2y - d1y * d2x)  # along z; only twist adds to it across
+        t1, t2, e1, e2 = none, none, none, none
+        if twist_modes > 0:
+            for i in range(twist_modes):
+                at1, at2 = twists[k, 0, i], twists[k, 1, i]
+                c, dc = load(q, (first_twist + i,)), load(rate, (first_twist + i,))
+                t1, t2, e1, e2 = t1 + at1 * c, t2 + at2 * c, e1 + at1 * dc, e2 + at2 * dc
+            o = plus(o, (_MAGNUS * (b1x * t2 - t1 * b2x), _MAGNUS * (b1y * t2 - t1 * b2y), 0.5 * (t1 + t2)))
+            do = plus(
+                do,
+                (
+                    _MAGNUS * (d1x * t2 + b1x * e2 - e1 * b2x - t1 * d2x),
+                    _MAGNUS * (d1y * t2 + b1y * e2 - e1 * b2y - t1 * d2y),
+                    0.5 * (e1 + e2),
+                ),
+            )
+        u, du = dot(o, o), 2.0 * dot(o, do)
+        c1, c2, c3, c4, c5 = stumpff_of_lanes(u)
+        # rows of R [o] and R [o]^2, then of R T
+        ax, ay, az = cross(rx, o), cross(ry, o), cross(rz, o)
+        bx, by, bz = cross(ax, o), cross(ay, o), cross(az, o)
+        tx = combined(one, rx, c2, ax, c3, bx)
+        ty = combined(one, ry, c2, ay, c3, by)
+        tz = combined(one, rz, c2, az, c3, bz)
+        # r = dT/dt do/dt, with dc_k/du = (k c_{k+2} - c_{k+1}) / 2
+        e = cross(o, do)
+        r = combined(c3, cross(do, e), 0.5 * (2.0 * c4 - c3) * du, e, 0.5 * (3.0 * c5 - c4) * du, cross(o, e))
+        own = (dot(tx, do), dot(ty, do), dot(tz, do))
+        more = (tx[2] * ddo, ty[2] * ddo, tz[2] * ddo)
+        if twist_modes > 0:
+            across = (2.0 * _MAGNUS * (d1x * e2 - e1 * d2x), 2.0 * _MAGNUS * (d1y * e2 - e1 * d2y), ddo)
+            more = (dot(tx, across), dot(ty, across), dot(tz, across))
+        own_gain = plus((dot(rx, r), dot(ry, r), dot(rz, r)), more)
+        gain = plus(plus(gain, own_gain), cross(turn, own))
+        turn = plus(turn, own)
+        rx = combined(one, rx, c1, ax, c2, bx)
+        ry = combined(one, ry, c1, ay, c2, by)
+        rz = combined(one, rz, c1, az, c2, bz)
+        t = (rx[2], ry[2], rz[2])
+        here = before + 1
+        swing = cross(turn, t)
+        _store_vector(motion.tangent, here, t)
+        _store_vector(motion.acceleration, here, plus(cross(gain, t), cross(turn, swing)))
+        for i in range(modes):
+            at1, at2 = bends[k, 0, i], bends[k, 1, i]
+            mean, at1, at2 = 0.5 * (at1 + at2), _MAGNUS * at1, _MAGNUS * at2
+            # do/dq by q_x and q_y: along z; across it is z x mean
+            x_along, y_along = at1 * b2y - at2 * b1y, at2 * b1x - at1 * b2x
+            by_x, by_y = _load_column(turning, before, 2 * i), _load_column(turning, before, 2 * i + 1)
+            by_x = (
+                by_x[0] + tx[1] * mean + tx[2] * x_along,
+                by_x[1] + ty[1] * mean + ty[2] * x_along,
+                by_x[2] + tz[1] * mean + tz[2] * x_along,
+            )
+            by_y = (
+                by_y[0] + tx[0] * -mean + tx[2] * y_along,
+                by_y[1] + ty[0] * -mean + ty[2] * y_along,
+                by_y[2] + tz[0] * -mean + tz[2] * y_along,
+            )
+            if twist_modes > 0:
+                aside = at1 * t2 - at2 * t1
+                by_x = (by_x[0] + tx[0] * aside, by_x[1] + ty[0] * aside, by_x[2] + tz[0] * aside)
+                by_y = (by_y[0] + tx[1] * aside, by_y[1] + ty[1] * aside, by_y[2] + tz[1] * aside)
+            _store_column(turning, here, 2 * i, by_x)
+            _store_column(turning, here, 2 * i + 1, by_y)
+            _store_column(slope, here, 2 * i, cross(by_x, t))
+            _store_column(slope, here, 2 * i + 1, cross(by_y, t))
+        for i in range(twist_modes):
+            n, at1, at2 = first_twist + i, twists[k, 0, i], twists[k, 1, i]
+            mean, at1, at2 = 0.5 * (at1 + at2), _MAGNUS * at1, _MAGNUS * at2
+            v = (at2 * b1x - at1 * b2x, at2 * b1y - at1 * b2y, splat(mean))
+            w = plus(_load_column(turning, before, n), (dot(tx, v), dot(ty, v), dot(tz, v)))
+            _store_column(turning, here, n, w)
+            _store_column(slope, here, n, cross(w, t))
+        if twist_modes > 0:
+            _write_spin(motion, k, here, first_stretch, t, turn, gain)
+        if stretch_modes > 0:
+            _stretch_director(q, rate, rod, motion, k, here, t, swing)
+        before = here
 
 
-@kernel
-def masses_and_loads(rod: Rod, motion: Motion, gravity: Vector, work: Array, mass: Array, load: Array) -> None:
-    """Write mass matrices (4, D, D) and loads (4, D) of gravity less velocity terms of all muscles, SI.
+@kernel(forceinline=True)
+def masses_and_loads(rod: Rod, motion: Motion, gravity: Vector, work: Array, mass: Array, load_of: Array) -> None:
+    """Write mass matrices (D, D, 4) and loads (D, 4) of gravity less velocity terms of all muscles, SI.
 
     ``gravity`` [m/s2] is that in the (accelerated) clamp frame. With J_k = dd_k/dq, a_k the acceleration of d_k while
     dq/dt is constant and the factor C of G: mass = Z^T Z, load = sum_k W_k g^T J_k - Z^T C a, Z = C J; a spin is a row
@@ -445,65 +485,74 @@ def masses_and_loads(rod: Rod, motion: Motion, gravity: Vector, work: Array, mas
         work: scratch, of :func:`room_for_loads`.
     """
     directors, inertia, levers, spins = rod.inertia.shape[0], rod.inertia, rod.levers, rod.spins
-    slope, acceleration, columns = motion.slope, motion.acceleration, load.shape[1]
-    pairs = (columns + 1) // 2
-    rows = 6 * directors + 2 * spins.shape[0]
-    for finger in range(load.shape[0]):
+    slope, acceleration, columns, none = motion.slope, motion.acceleration, load_of.shape[0], splat(0.0)
+    rows = 3 * directors + spins.shape[0]
+    for k in range(directors):
+        ax, ay, az = none, none, none
+        for n in range(k, directors):
+            share, (x, y, z) = inertia[k, n], _load_vector(acceleration, n + 1)
+            ax, ay, az = ax + share * x, ay + share * y, az + share * z
+        store(work, (columns, 3 * k), ax)
+        store(work, (columns, 3 * k + 1), ay)
+        store(work, (columns, 3 * k + 2), az)
+    for i in range(columns):
+        total = none
         for k in range(directors):
-            ax, ay, az = 0.0, 0.0, 0.0
+            zx, zy, zz = none, none, none
             for n in range(k, directors):
-                share = inertia[k, n]
-                ax += share * acceleration[finger, n + 1, 0]
-                ay += share * acceleration[finger, n + 1, 1]
-                az += share * acceleration[finger, n + 1, 2]
-            work[pairs, 3 * k], work[pairs, 3 * k + 1], work[pairs, 3 * k + 2] = ax, ay, az
-        for i in range(pairs):
-            x, load_x, load_y = 2 * i, 0.0, 0.0
-            y = min(x + 1, columns - 1)
-            for k in range(directors):
-                xx, yx, zx, xy, yy, zy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # rows of Z: axis, column
-                for n in range(k, directors):
-                    share = inertia[k, n]
-                    xx, xy = xx + share * slope[finger, n + 1, 0, x], xy + share * slope[finger, n + 1, 0, y]
-                    yx, yy = yx + share * slope[finger, n + 1, 1, x], yy + share * slope[finger, n + 1, 1, y]
-                    zx, zy = zx + share * slope[finger, n + 1, 2, x], zy + share * slope[finger, n + 1, 2, y]
-                work[i, 6 * k], work[i, 6 * k + 1], work[i, 6 * k + 2] = xx, xy, yx
-                work[i, 6 * k + 3], work[i, 6 * k + 4], work[i, 6 * k + 5] = yy, zx, zy
-                ax, ay, az = work[pairs, 3 * k], work[pairs, 3 * k + 1], work[pairs, 3 * k + 2]
-                weight = times(levers[k], gravity)
-                load_x += _work_of(weight, slope[finger, k + 1], x) - xx * ax - yx * ay - zx * az
-                load_y += _work_of(weight, slope[finger, k + 1], y) - xy * ax - yy * ay - zy * az
-            for k in range(spins.shape[0]):
-                root, spin, spin_load = math.sqrt(spins[k]), motion.spin[finger, k], motion.spin_load[finger, k]
-                work[i, 6 * directors + 2 * k], work[i, 6 * directors + 2 * k + 1] = root * spin[x], root * spin[y]
-                load_x -= spins[k] * (spin[x] * spin_load[0] - spin_load[1 + x])
-                load_y -= spins[k] * (spin[y] * spin_load[0] - spin_load[1 + y])
-            load[finger, x], load[finger, y] = load_x, load_y
-            for j in range(i + 1):
-                xx, xy, yx, yy = 0.0, 0.0, 0.0, 0.0
-                for r in range(0, rows, 2):
-                    ix, iy, jx, jy = work[i, r], work[i, r + 1], work[j, r], work[j, r + 1]
-                    xx, xy, yx, yy = xx + ix * jx, xy + ix * jy, yx + iy * jx, yy + iy * jy
-                v = 2 * j
-                w = min(v + 1, columns - 1)
-                mass[finger, x, v], mass[finger, x, w], mass[finger, y, v], mass[finger, y, w] = xx, xy, yx, yy
-                mass[finger, v, x], mass[finger, w, x], mass[finger, v, y], mass[finger, w, y] = xx, xy, yx, yy
+                share, (x, y, z) = inertia[k, n], _load_column(slope, n + 1, i)
+                zx, zy, zz = zx + share * x, zy + share * y, zz + share * z
+            store(work, (i, 3 * k), zx)
+            store(work, (i, 3 * k + 1), zy)
+            store(work, (i, 3 * k + 2), zz)
+            ax, ay, az = (
+                load(work, (columns, 3 * k)),
+                load(work, (columns, 3 * k + 1)),
+                load(work, (columns, 3 * k + 2)),
+            )
+            wx, wy, wz = times(levers[k], gravity)
+            x, y, z = _load_column(slope, k + 1, i)
+            # along z first: where gravity is along it, no digit changes
+            total = total + (wz * z + (wx * x + wy * y) - zx * ax - zy * ay - zz * az)
+        for k in range(spins.shape[0]):
+            spin = load(motion.spin, (k, i))
+            store(work, (i, 3 * directors + k), math.sqrt(spins[k]) * spin)
+            total = total - spins[k] * (spin * load(motion.spin_load, (k, 0)) - load(motion.spin_load, (k, 1 + i)))
+        store(load_of, (i,), total)
+    for i in range(0, columns, 2):
+        next_i = min(i + 1, columns - 1)
+        for j in range(0, i + 1, 2):
+            next_j = min(j + 1, columns - 1)
+            xx, xy, yx, yy = none, none, none, none
+            for r in range(rows):
+                ix, iy, jx, jy = (
+                    load(work, (i, r)),
+                    load(work, (next_i, r)),
+                    load(work, (j, r)),
+                    load(work, (next_j, r)),
+                )
+                xx, xy, yx, yy = xx + ix * jx, xy + ix * jy, yx + iy * jx, yy + iy * jy
+            store(mass, (i, j), xx)
+            store(mass, (i, next_j), xy)
+            store(mass, (next_i, j), yx)
+            store(mass, (next_i, next_j), yy)
+            store(mass, (j, i), xx)
+            store(mass, (next_j, i), xy)
+            store(mass, (j, next_i), yx)
+            store(mass, (next_j, next_i), yy)
 
 
 @kernel(forceinline=True)
-def _work_of(weight: Vector, slope: Array, column: int) -> float:
-    """Along z first: where gravity is along it, no digit changes."""
-    work: float = weight[2] * slope[2, column] + (weight[0] * slope[0, column] + weight[1] * slope[1, column])
-    return work
-
-
-@kernel(forceinline=True)
-def ball_position(rod: Rod, tangent: Array, ball: int) -> Vector:
-    """Return the position of a ball of the muscle with these directors, shape (N + 1, 3), from its clamp."""
-    x, y, z = 0.0, 0.0, 0.0
+def ball_position(rod: Rod, motion: Motion, finger: int, ball: int) -> Vector:
+    """Return the position of a ball of a muscle, from its clamp."""
+    tangent, x, y, z = motion.tangent, 0.0, 0.0, 0.0
     for k in range(tangent.shape[0]):
         weight = rod.balls[ball, k]
-        x, y, z = x + weight * tangent[k, 0], y + weight * tangent[k, 1], z + weight * tangent[k, 2]
+        x, y, z = (
+            x + weight * tangent[k, 0, finger],
+            y + weight * tangent[k, 1, finger],
+            z + weight * tangent[k, 2, finger],
+        )
     return x, y, z
 
 
@@ -513,13 +562,17 @@ def ball_jacobian(rod: Rod, motion: Motion, finger: int, ball: int, sign: float,
 
     It goes into columns 0 to D - 1 of ``jacobian`` (6, D or more).
     """
-    slope, turning = motion.slope[finger], motion.turning[finger]
+    slope, turning, f = motion.slope, motion.turning, finger
     for j in range(slope.shape[2]):
         px, py, pz, wx, wy, wz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for k in range(1, slope.shape[0]):
             far, near = rod.balls[ball, k], rod.turns[ball, k]
-            px, py, pz = px + far * slope[k, 0, j], py + far * slope[k, 1, j], pz + far * slope[k, 2, j]
-            wx, wy, wz = wx + near * turning[k, 0, j], wy + near * turning[k, 1, j], wz + near * turning[k, 2, j]
+            px, py, pz = px + far * slope[k, 0, j, f], py + far * slope[k, 1, j, f], pz + far * slope[k, 2, j, f]
+            wx, wy, wz = (
+                wx + near * turning[k, 0, j, f],
+                wy + near * turning[k, 1, j, f],
+                wz + near * turning[k, 2, j, f],
+            )
         jacobian[0, j] = sign * (px + wy * arm[2] - wz * arm[1])
         jacobian[1, j] = sign * (py + wz * arm[0] - wx * arm[2])
         jacobian[2, j] = sign * (pz + wx * arm[1] - wy * arm[0])

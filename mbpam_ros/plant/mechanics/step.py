@@ -22,8 +22,7 @@ is less than the error of the step.
 
 Stability: elastic, damping and contact terms are implicit, so neither k, eta nor the contact stiffness limits the
 step; gravity and velocity terms are explicit and ask for h sqrt(g / l) < 1 and h |dq/dt| < 1, which 10 ms meet.
-Contact points, normals and friction loads are those at the start of the sub-step; it is this that sets the error in
-contact.
+Contact points and normals are those at the start of the sub-step; it is this that sets the error in contact.
 
 Sweeps go on from what the sub-step before saw at its midpoint, and the contact solution from where the change of the
 velocities before leads; both outlast a call, so that a span cut into calls ends as it does in one, to
@@ -43,16 +42,19 @@ from numpy.typing import NDArray
 
 from mbpam_ros.geometry import rotations, surfaces
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
-from mbpam_ros.plant.mechanics.contact_law import Contacts, contact_table
+from mbpam_ros.plant.mechanics.contact_law import Contacts, Grip, contact_table, no_grip, recall, remember
 from mbpam_ros.plant.mechanics.contact_search import (
+    PLATE_THICKNESS_M,
     Places,
     Surroundings,
     find_contacts,
     places,
 )
-from mbpam_ros.plant.mechanics.contact_solver import Scratch, scratch, solve_contacts, solve_in_place
-from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines
-from mbpam_ros.plant.mechanics.kernel import kernel
+from mbpam_ros.plant.mechanics.contact_solver import Scratch, find_islands, scratch, solve_contacts, solve_in_place
+from mbpam_ros.plant.mechanics.finger_contact import Lines, fingers_near, lines, near_ball, write_boxes
+from mbpam_ros.plant.mechanics.kernel import entry, kernel, piece
+from mbpam_ros.plant.mechanics.lanes import WIDTH, Lanes, Place, all_above, load, splat, store
+from mbpam_ros.plant.mechanics.outlook import Outlook
 from mbpam_ros.plant.mechanics.packed_arguments import Block, access, new_block
 from mbpam_ros.plant.mechanics.rod import (
     LARGEST_STRETCH,
@@ -66,8 +68,14 @@ from mbpam_ros.plant.mechanics.rod import (
 )
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross, dot, norm, plus, times, vector
 
-OK, NOT_FINITE, TOO_FAST, NOT_SOLVED, TOO_BENT, TOO_LONG = 0, 1, 2, 3, 4, 5
+OK, NOT_FINITE, TOO_FAST, NOT_SOLVED, TOO_BENT, TOO_LONG, TOO_DEEP = 0, 1, 2, 3, 4, 5, 6
 """What a step answers."""
+
+LOOKS = 5
+"""How often a step may be done again because something moved farther than what was looked for."""
+
+SEEN_LATE_M = 1e-4
+"""What may fall into something within a step before it is a contact."""
 
 SOLVED_M_S = 1e-4
 """What may be left of the contact equations."""
@@ -86,12 +94,22 @@ class State(NamedTuple):
         shape: coordinates q of the muscles [rad], shape (4 D,).
         velocity: their rates and, with an object, its linear and angular velocity, shape (4 D,) or (4 D + 6,).
         position, orientation: of the object, shapes (3,) and (4,).
+        held, slots, springs: what the springs of the contacts hold, the three of a
+            :class:`~mbpam_ros.plant.mechanics.contact_law.Grip`.
     """
 
     shape: Array
     velocity: Array
     position: Array
     orientation: Array
+    held: NDArray[np.int64]
+    slots: NDArray[np.int64]
+    springs: Array
+
+
+def new_state(contacts: Contacts, shape: Array, velocity: Array, position: Array, orientation: Array) -> State:
+    """Return the state of these arrays; contacts hold nothing yet."""
+    return State(shape, velocity, position, orientation, *no_grip(len(contacts.depth)))
 
 
 class Drive(NamedTuple):
@@ -175,31 +193,78 @@ def turned(q: Array, turn: Vector, result: Array) -> None:
 
 
 class Room(NamedTuple):
-    """Room for the muscles: coordinates, rates, loads (4, D), masses (4, D, D), and work of ``masses_and_loads``."""
+    """Room for the muscles, one a lane (:mod:`~mbpam_ros.plant.mechanics.lanes`).
 
+    Args:
+        at, start, velocity: coordinates and rates before the sub-step, and rates after it, shapes (D, 4).
+        shape, rate: coordinates and rates of which a sweep sees the muscles, shapes (D, 4).
+        load, mass: shapes (D, 4) and (D, D, 4).
+        a, b: of a muscle's equations a v = b, shapes (D, D, 4) and (D, 4).
+        drive: what the air does in the middle of the sub-step, a row each of :class:`Drive`, x before y, shape (8, 4).
+        theta: shape (1, 4).
+        work: of ``masses_and_loads``.
+    """
+
+    at: Array
+    start: Array
+    velocity: Array
     shape: Array
     rate: Array
     load: Array
     mass: Array
+    a: Array
+    b: Array
+    drive: Array
+    theta: Array
     work: Array
+
+
+def room_of(rod: Rod) -> Room:
+    """Return the room for muscles with this rod."""
+    columns = coordinates_of(rod)
+    line, square = (columns, WIDTH), (columns, columns, WIDTH)
+    at, start, velocity, shape, rate, load, b = (np.zeros(line) for _ in range(7))
+    mass, a, drive, theta = np.zeros(square), np.zeros(square), np.zeros((8, WIDTH)), np.zeros((1, WIDTH))
+    return Room(at, start, velocity, shape, rate, load, mass, a, b, drive, theta, room_for_loads(rod))
+
+
+_SEEN = ("shape", "rate", "load", "mass")
+"""What a room has that is another one at the start than in later sweeps."""
+
+
+class Midpoints(NamedTuple):
+    """What a call found known of the muscles' last midpoints: directors, loads and masses, and of which muscles."""
+
+    directors: Array
+    load: Array
+    mass: Array
+    known: NDArray[np.bool_]
 
 
 class Work(NamedTuple):
     """Room for a step, and what the next one goes on from.
 
     Args:
-        midpoint_known: whether ``motion`` and ``room`` are those at the last midpoint, shape (1,).
+        midpoint_known: of each muscle, whether ``motion`` and ``room`` are those at its last midpoint, shape (4,).
         ahead_known: whether ``ahead`` holds, shape (1,).
+        before, midpoints: the state at the start of the call, and what went with it.
         motion: where the last sweep saw the muscles.
+        touch_motion: where the search for contacts saw them: at the start.
         gain, ahead: of the velocities in the last sub-step, and in the next one if they go on as in the last two.
         a, b, start: of the equations a v = b, and the velocities before, shapes (n, n), (n,) and (n,).
         theta, rotation, middle, turn: of the bodies (5,) and of the object, (3, 3), (4,) and (3,).
+        rates: of the directors at the start, shape (4, N + 1, 3).
+        way: how far anything moved in the last sub-step at the most [m], shape (1,).
+        touch_room: of the muscles at the start.
         room, spots, room_of_lines, equations: of the muscles, the contact search and the contact solution.
     """
 
     midpoint_known: NDArray[np.bool_]
     ahead_known: NDArray[np.bool_]
+    before: State
+    midpoints: Midpoints
     motion: Motion
+    touch_motion: Motion
     gain: Array
     ahead: Array
     a: Array
@@ -209,6 +274,9 @@ class Work(NamedTuple):
     rotation: Array
     middle: Array
     turn: Array
+    rates: Array
+    way: Array
+    touch_room: Room
     room: Room
     spots: Places
     room_of_lines: Lines
@@ -240,18 +308,21 @@ def new_drive(fingers: int) -> Drive:
 def assemble(state: State, system: System, contacts: Contacts) -> Parts:
     """Return the parts with room for the rest; nothing drives the muscles yet."""
     fingers, rod, size = len(system.bases), system.rod, len(state.velocity)
-    columns = coordinates_of(rod)
+    room, motion = room_of(rod), motion_at_rest(rod)
     return Parts(
         state,
         new_drive(fingers),
         system,
         contacts,
-        motion_at_rest(rod, fingers),
+        motion_at_rest(rod),
         Forces(np.zeros((fingers, 3)), np.zeros(3), np.zeros(3), np.zeros((fingers, 3))),
         Work(
-            midpoint_known=np.zeros(1, np.bool_),
+            midpoint_known=np.zeros(fingers, np.bool_),
             ahead_known=np.zeros(1, np.bool_),
-            motion=motion_at_rest(rod, fingers),
+            before=state._replace(**{name: part.copy() for name, part in state._asdict().items()}),
+            midpoints=Midpoints(motion.tangent.copy(), room.load.copy(), room.mass.copy(), np.zeros(fingers, np.bool_)),
+            motion=motion,
+            touch_motion=motion_at_rest(rod),
             gain=np.zeros(size),
             ahead=np.zeros(size),
             a=np.zeros((size, size)),
@@ -261,97 +332,126 @@ def assemble(state: State, system: System, contacts: Contacts) -> Parts:
             rotation=np.eye(3),
             middle=np.zeros(4),
             turn=np.zeros(3),
-            room=Room(
-                np.zeros((fingers, columns)),
-                np.zeros((fingers, columns)),
-                np.zeros((fingers, columns)),
-                np.zeros((fingers, columns, columns)),
-                room_for_loads(rod),
-            ),
+            rates=np.zeros((fingers, len(rod.levers) + 1, 3)),
+            way=np.zeros(1),
+            touch_room=room._replace(**{part: np.zeros_like(getattr(room, part)) for part in _SEEN}),
+            room=room,
             spots=places(system.surroundings),
             room_of_lines=lines(rod, fingers),
-            equations=scratch(size, columns, fingers),
+            equations=scratch(size, fingers + 1, len(contacts.depth)),
         ),
     )
 
 
 @kernel
-def _move_muscles(state: State, start: Array, system: System, share: float, motion: Motion, room: Room) -> None:
-    """Write the motion of the muscles after ``share`` of the step."""
-    fingers, size = room.shape.shape
+def _take_lanes(values: Array, lanes: Array, fingers: int) -> None:
+    """Write the coordinates of all muscles one after another, (4 D, or more), as lanes (D, 4)."""
+    size = lanes.shape[0]
     for f in range(fingers):
         for i in range(size):
-            n = f * size + i
-            room.rate[f, i] = (1.0 - share) * start[n] + share * state.velocity[n]
-            room.shape[f, i] = state.shape[n] + share * system.step_s * room.rate[f, i]
+            lanes[i, f] = values[f * size + i]
+
+
+@kernel
+def _move_muscles(system: System, share: float, motion: Motion, room: Room) -> None:
+    """Write the motion of the muscles after ``share`` of the step."""
+    for i in range(room.at.shape[0]):
+        rate = (1.0 - share) * load(room.start, (i,)) + share * load(room.velocity, (i,))
+        store(room.rate, (i,), rate)
+        store(room.shape, (i,), load(room.at, (i,)) + share * system.step_s * rate)
     move_rods(room.shape, room.rate, system.rod, motion)
 
 
-@kernel
-def _muscle_equations(
-    state: State, start: Array, system: System, drive: Drive, blend: float, theta: Array, room: Room,
-    a: Array, b: Array,
-) -> None:  # fmt: skip
-    """Write the muscles' rows of a v = b with the masses and loads in ``room``."""
+@piece
+def _drive_lanes(drive: Drive, blend: float, rod: Rod, room: Room) -> None:
+    """Write what the air does to the muscles into ``room``; of what only absent strains ask for, nothing."""
+    for f in range(drive.stiffnesses.shape[1]):
+        room.drive[0, f] = (1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f]
+        room.drive[1, f] = (1.0 - blend) * drive.moments[0, f, 0] + blend * drive.moments[1, f, 0]
+        room.drive[2, f] = (1.0 - blend) * drive.moments[0, f, 1] + blend * drive.moments[1, f, 1]
+        if rod.twists.shape[2] > 0:
+            room.drive[3, f] = (1.0 - blend) * drive.torsions[0, f] + blend * drive.torsions[1, f]
+        if rod.stretches.shape[1] > 0:
+            room.drive[4, f] = (1.0 - blend) * drive.axials[0, f] + blend * drive.axials[1, f]
+            room.drive[5, f] = (1.0 - blend) * drive.free_stretches[0, f] + blend * drive.free_stretches[1, f]
+            room.drive[6, f] = (1.0 - blend) * drive.couplings[0, f, 0] + blend * drive.couplings[1, f, 0]
+            room.drive[7, f] = (1.0 - blend) * drive.couplings[0, f, 1] + blend * drive.couplings[1, f, 1]
+
+
+@piece
+def _muscle_equations(system: System, theta: Array, room: Room) -> None:
+    """Write the muscles' equations a v = b with the masses, loads and drives in ``room``."""
     h, eta, springs = system.step_s, system.retardation, system.rod.springs
-    bends, stretches = 2 * system.rod.bends.shape[2], system.rod.stretches.shape[1]
-    fingers, size = room.shape.shape
-    for f in range(fingers):
-        stiffness = h * ((1.0 - blend) * drive.stiffnesses[0, f] + blend * drive.stiffnesses[1, f])
-        torsion = h * ((1.0 - blend) * drive.torsions[0, f] + blend * drive.torsions[1, f])
-        t, first = theta[f], f * size
-        implicit, explicit = t * (eta + t * h), (1.0 - t) * (eta + t * h)
-        for i in range(size):
-            n, k = first + i, 0.0  # stretch has its own terms
-            if i < bends:
-                k = stiffness * springs[i >> 1]
-            elif i < size - stretches:
-                k = torsion * springs[i - bends]
-            total = h * room.load[f, i] - k * (state.shape[n] + explicit * start[n])
-            if i < 2:
-                total += h * ((1.0 - blend) * drive.moments[0, f, i] + blend * drive.moments[1, f, i])
-            for j in range(size):
-                a[n, first + j] = room.mass[f, i, j]
-                total += room.mass[f, i, j] * start[first + j]
-            a[n, n] += k * implicit
-            b[n] = total
-        if stretches > 0:
-            _stretch_equations(state, start, system, drive, blend, f, implicit, explicit, a, b)
+    bends, stretches, size = 2 * system.rod.bends.shape[2], system.rod.stretches.shape[1], room.at.shape[0]
+    for f in range(theta.shape[0] - 1):
+        room.theta[0, f] = theta[f]
+    t, stiffness, torsion = load(room.theta, (0,)), h * load(room.drive, (0,)), h * load(room.drive, (3,))
+    implicit, explicit = t * (eta + t * h), (1.0 - t) * (eta + t * h)
+    for i in range(size):
+        k = splat(0.0)  # stretch has its own terms
+        if i < bends:
+            k = stiffness * springs[i >> 1]
+        elif i < size - stretches:
+            k = torsion * springs[i - bends]
+        total = h * load(room.load, (i,)) - k * (load(room.at, (i,)) + explicit * load(room.start, (i,)))
+        if i < 2:
+            total = total + h * load(room.drive, (1 + i,))
+        for j in range(size):
+            mass = load(room.mass, (i, j))
+            store(room.a, (i, j), mass)
+            total = total + mass * load(room.start, (j,))
+        store(room.a, (i, i), load(room.a, (i, i)) + k * implicit)
+        store(room.b, (i,), total)
+    if stretches > 0:
+        _stretch_equations(system, implicit, explicit, room)
 
 
-@kernel
-def _stretch_equations(
-    state: State, start: Array, system: System, drive: Drive, blend: float, f: int, implicit: float, explicit: float,
-    a: Array, b: Array,
-) -> None:  # fmt: skip
-    """Add what the energy of the stretch gives to a finger's rows.
+@piece
+def _add(values: Array, place: Place, more: Lanes) -> None:
+    store(values, place, load(values, place) + more)
+
+
+@piece
+def _stretch_equations(system: System, implicit: Lanes, explicit: Lanes, room: Room) -> None:
+    """Add what the energy of the stretch gives to the muscles' equations.
 
     Mode i has L EA / (2 (2 i + 1)) (e_i - [eps_0] - c . q_i / L)^2, with eps_0 for i = 0.
     """
-    rod, springs, fingers = system.rod, system.rod.stretch_springs, drive.axials.shape[1]
-    size = state.shape.shape[0] // fingers
-    axial = system.step_s * ((1.0 - blend) * drive.axials[0, f] + blend * drive.axials[1, f])
-    free = (1.0 - blend) * drive.free_stretches[0, f] + blend * drive.free_stretches[1, f]
-    cx = ((1.0 - blend) * drive.couplings[0, f, 0] + blend * drive.couplings[1, f, 0]) / rod.active_length
-    cy = ((1.0 - blend) * drive.couplings[0, f, 1] + blend * drive.couplings[1, f, 1]) / rod.active_length
+    rod, springs, size = system.rod, system.rod.stretch_springs, room.at.shape[0]
+    axial, free = system.step_s * load(room.drive, (4,)), load(room.drive, (5,))
+    cx, cy = load(room.drive, (6,)) / rod.active_length, load(room.drive, (7,)) / rod.active_length
     for i in range(springs.shape[0]):
         k = axial * springs[i]
-        e, x, y = f * size + size - springs.shape[0] + i, f * size + 2 * i, f * size + 2 * i + 1
-        off = state.shape[e] + explicit * start[e] - (free if i == 0 else 0.0)
-        a[e, e] += k * implicit
+        e, x, y = size - springs.shape[0] + i, 2 * i, 2 * i + 1
+        off = load(room.at, (e,)) + explicit * load(room.start, (e,))
+        if i == 0:
+            off = off - free
+        _add(room.a, (e, e), k * implicit)
         if i < rod.bends.shape[2]:
-            off -= cx * (state.shape[x] + explicit * start[x]) + cy * (state.shape[y] + explicit * start[y])
-            b[x] += k * cx * off
-            b[y] += k * cy * off
-            a[x, x] += k * implicit * cx * cx
-            a[y, y] += k * implicit * cy * cy
-            a[x, y] += k * implicit * cx * cy
-            a[y, x] += k * implicit * cx * cy
-            a[e, x] -= k * implicit * cx
-            a[x, e] -= k * implicit * cx
-            a[e, y] -= k * implicit * cy
-            a[y, e] -= k * implicit * cy
-        b[e] -= k * off
+            along_x = cx * (load(room.at, (x,)) + explicit * load(room.start, (x,)))
+            off = off - (along_x + cy * (load(room.at, (y,)) + explicit * load(room.start, (y,))))
+            _add(room.b, (x,), k * cx * off)
+            _add(room.b, (y,), k * cy * off)
+            _add(room.a, (x, x), k * implicit * cx * cx)
+            _add(room.a, (y, y), k * implicit * cy * cy)
+            _add(room.a, (x, y), k * implicit * cx * cy)
+            _add(room.a, (y, x), k * implicit * cx * cy)
+            _add(room.a, (e, x), -(k * implicit * cx))
+            _add(room.a, (x, e), -(k * implicit * cx))
+            _add(room.a, (e, y), -(k * implicit * cy))
+            _add(room.a, (y, e), -(k * implicit * cy))
+        _add(room.b, (e,), -(k * off))
+
+
+@kernel
+def _spread_equations(room_a: Array, room_b: Array, fingers: int, a: Array, b: Array) -> None:
+    """Write the muscles' equations into rows and columns of all bodies' a v = b."""
+    size = room_b.shape[0]
+    for f in range(fingers):
+        for i in range(size):
+            b[f * size + i] = room_b[i, f]
+            for j in range(size):
+                a[f * size + i, f * size + j] = room_a[i, j, f]
 
 
 @kernel
@@ -432,45 +532,170 @@ def _sum_forces(contacts: Contacts, forces: Forces) -> None:
 
 
 @kernel
-def _may_touch(around: Surroundings) -> bool:
-    """Whether there is anything but muscles that a muscle may reach, or an object that may touch something else."""
-    return around.shape >= 0 or around.table_in_reach
+def _farthest(state: State, start: Array, system: System, theta: Array, hand_velocity: float) -> float:
+    """Return how far two bodies may come nearer to each other in a sub-step, at the most [m].
+
+    No section of a muscle turns faster than the sum of its rates; an object's farthest point is in a corner.
+    """
+    muscles, fingers, fastest = state.shape.shape[0], theta.shape[0] - 1, 0.0
+    size, length = muscles // fingers, system.rod.farthest * system.rod.balls.shape[0]
+    for f in range(fingers):
+        rates = 0.0
+        for i in range(f * size, (f + 1) * size):
+            rates += abs((1.0 - theta[f]) * start[i] + theta[f] * state.velocity[i])
+        fastest = max(fastest, length * rates)
+    other = fastest
+    if state.velocity.shape[0] > muscles:
+        v, w, half = vector(state.velocity, muscles), vector(state.velocity, muscles + 3), system.surroundings.half
+        other = max(fastest, norm(v) + norm(w) * norm(vector(half, 0)))
+    return abs(system.step_s) * (fastest + other + abs(hand_velocity))
 
 
-@kernel(inline="always")
-def _touch(state: State, system: System, lift: float, hand_velocity: float, work: Work, contacts: Contacts) -> bool:
-    """Find the contacts, choose theta for each body, and say whether anything touches; write the envelope for it."""
-    muscles, coordinates, theta, first = state.shape.shape[0], contacts.coordinates, work.theta, work.equations.first
-    write_rotation(state.orientation, work.rotation)
-    find_contacts(
-        system.bases, system.rod, work.motion, system.surroundings, state.position, work.rotation, lift, hand_velocity,
-        work.spots, work.room_of_lines, contacts,
-    )  # fmt: skip
-    touching: bool = contacts.count[0] > 0
-    for i in range(state.velocity.shape[0]):
-        first[i] = i // coordinates * coordinates if i < muscles else (0 if touching else muscles)
-    for c in range(contacts.count[0]):
-        theta[contacts.finger[c]] = 1.0  # -1, none: the object's, which is the last
-        if contacts.kind[c] == ContactKind.FINGER_FINGER:
-            other = contacts.other[c]
-            theta[other] = 1.0
-            for i in range(coordinates * other, coordinates * (other + 1)):
-                first[i] = min(first[i], coordinates * contacts.finger[c])
-        elif contacts.kind[c] != ContactKind.FINGER_SUPPORT:
-            theta[-1] = 1.0
-    return touching
+@piece
+def _solve_muscles(room: Room, island: NDArray[np.int64], velocity: Array) -> tuple[bool, float]:
+    """Solve each muscle's equations, by L D L^T in place, for those that touch nothing.
+
+    Returns whether it could be, and the largest change.
+    """
+    a, b, size = room.a, room.b, room.b.shape[0]
+    for i in range(size):
+        pivot, right = load(a, (i, i)), load(b, (i,))
+        for j in range(i):
+            total = load(a, (i, j))
+            for k in range(j):
+                total = total - load(a, (i, k)) * load(a, (j, k))  # (L D) of row i, L of row j
+            store(a, (i, j), total)
+        for j in range(i):
+            raw = load(a, (i, j))
+            scaled = raw * load(a, (j, j))
+            pivot = pivot - raw * scaled
+            right = right - scaled * load(b, (j,))
+            store(a, (i, j), scaled)
+        if not all_above(pivot, 0.0):
+            return False, 0.0
+        store(a, (i, i), 1.0 / pivot)
+        store(b, (i,), right)
+    for i in range(size):
+        store(b, (i,), load(b, (i,)) * load(a, (i, i)))
+    for i in range(size - 1, -1, -1):
+        solved = load(b, (i,))
+        for k in range(i):
+            store(b, (k,), load(b, (k,)) - load(a, (i, k)) * solved)
+    changed = 0.0
+    for f in range(island.shape[0] - 1):
+        for i in range(size if island[f] < 0 else 0):
+            n = f * size + i
+            changed = max(changed, abs(b[i, f] - velocity[n]))
+            velocity[n] = room.velocity[i, f] = b[i, f]
+    return True, changed
 
 
 @kernel
-def _solve_in_the_air(a: Array, b: Array, first: NDArray[np.int64], velocity: Array) -> tuple[bool, float]:
-    """Solve a v = b; return whether it could be, and by how much a velocity differs from the last sweep's."""
-    if not solve_in_place(a, b, first):
-        return False, 0.0
-    changed = 0.0
-    for i in range(velocity.shape[0]):
-        changed = max(changed, abs(b[i] - velocity[i]))
-        velocity[i] = b[i]
-    return True, changed
+def _near(parts: Parts, lift: float, gap: float) -> bool:
+    """Whether anything may touch: what is nearer than ``gap`` to where the last sweep saw the muscles may."""
+    system, work, around = parts.system, parts.work, parts.system.surroundings
+    if around.table_in_reach:
+        return True
+    if around.shape < 0 and not around.fingers_touch:
+        return False
+    for f in range(work.midpoint_known.shape[0]):
+        if not work.midpoint_known[f]:
+            return True
+    write_boxes(system.bases, system.rod, work.motion, 0.5 * gap, work.room_of_lines)
+    if around.fingers_touch and fingers_near(work.room_of_lines):
+        return True
+    x, y, z = vector(parts.state.position, 0)
+    radius = norm(vector(around.half, 0)) + 0.5 * gap
+    return around.shape >= 0 and near_ball(work.room_of_lines, (x, y, z + lift), radius)
+
+
+@kernel
+def _let_go(island: NDArray[np.int64], theta: Array, contacts: Contacts) -> None:
+    """Let nothing touch."""
+    for body in range(island.shape[0]):
+        island[body], theta[body] = -1, 0.5
+    contacts.count[0] = 0
+
+
+@kernel
+def _all_known(known: NDArray[np.bool_], island: NDArray[np.int64]) -> bool:
+    """Whether no muscle asks for what it is like at the start: they touch nothing, and their last midpoint is known."""
+    for f in range(known.shape[0]):
+        if island[f] >= 0 or not known[f]:
+            return False
+    return True
+
+
+@kernel
+def _all_touch(island: NDArray[np.int64]) -> bool:
+    """Whether all muscles touch something."""
+    for f in range(island.shape[0] - 1):
+        if island[f] < 0:
+            return False
+    return True
+
+
+@kernel
+def _keep_masses(known: NDArray[np.bool_], island: NDArray[np.int64], start: Room, room: Room) -> None:
+    """Let the first sweep have masses and loads of the start of those muscles whose last midpoint is not known."""
+    for f in range(WIDTH):  # lanes without a muscle too
+        if f >= known.shape[0] or island[f] >= 0 or not known[f]:
+            for i in range(start.load.shape[0]):
+                room.load[i, f] = start.load[i, f]
+                for j in range(start.load.shape[0]):
+                    room.mass[i, j, f] = start.mass[i, j, f]
+
+
+@kernel(inline="always")
+def _touch(
+    state: State, system: System, lift: float, hand_velocity: float, near: bool, outlook: Outlook, work: Work,
+    contacts: Contacts,
+) -> None:  # fmt: skip
+    """Find the contacts and which bodies they tie to each other, and choose theta for each.
+
+    Where nothing is ``near`` a muscle only the object and what it rests on are looked at.
+    """
+    write_rotation(state.orientation, work.rotation)
+    find_contacts(
+        system.bases, system.rod, work.touch_motion, system.surroundings, state.position, work.rotation, lift,
+        hand_velocity, near, outlook, work.spots, work.room_of_lines, contacts,
+    )  # fmt: skip
+    recall(Grip(state.held, state.slots, state.springs), contacts)
+    find_islands(contacts, work.theta.shape[0], work.equations.island)
+    for body in range(work.theta.shape[0]):
+        if work.equations.island[body] >= 0:
+            work.theta[body] = 1.0
+
+
+@kernel
+def _too_deep(h: float, radius: float, contacts: Contacts) -> bool:
+    """Whether anything ends so deep in something else that it would come out behind, or beside."""
+    for c in range(contacts.count[0]):
+        depth = contacts.depth[c] - h * dot(vector(contacts.normal[c], 0), vector(contacts.velocity[c], 0))
+        most = PLATE_THICKNESS_M if contacts.finger[c] < 0 else radius
+        if depth > most:
+            return True
+    return False
+
+
+@kernel
+def _move_object_freely(state: State, start: Array, system: System, work: Work) -> bool:
+    """Write the velocities of an object that touches nothing."""
+    n, size, first = state.shape.shape[0], state.velocity.shape[0], work.equations.first
+    for sweep in range(system.sweeps):
+        share = 0.5 if sweep > 0 else 0.0
+        _object_equations(state, start, system, share, work.rotation, work.middle, work.a, work.b)
+        for i in range(n, size):
+            first[i] = n
+        if not solve_in_place(work.a, work.b, first, n, size):
+            return False
+        changed = 0.0
+        for i in range(n, size):
+            changed = max(changed, abs(work.b[i] - state.velocity[i]))
+            state.velocity[i] = work.b[i]
+        if changed < FOUND_RAD_S:
+            break
+    return True
 
 
 @kernel
@@ -483,51 +708,81 @@ def _look_ahead(velocity: Array, start: Array, extrapolate: bool, gain: Array, a
 
 
 @kernel(inline="always")
-def _find_velocities(
-    parts: Parts, heights: Array, rates: Array, step: int, midpoint: bool, ahead: bool
-) -> tuple[int, int, bool]:
-    """Write the velocities after a sub-step; return OK or what went wrong, Newton's steps, and whether it touches.
+def _find_velocities(parts: Parts, heights: Array, rates: Array, step: int, ahead: bool) -> tuple[int, int]:
+    """Write the velocities after a sub-step; return OK or what went wrong, and Newton's steps.
 
-    The first sweep is at the start, or, where nothing is in reach, with what the step before saw at its midpoint. Later
-    ones are at the midpoint that the one before found.
+    Bodies that touch are solved island by island, at the start. Each other one is solved alone: the first sweep has
+    what the step before saw at its midpoint, later ones are at the midpoint that the one before found. If then
+    something moved farther than what was looked for, all is done again with a wider look.
     """
     state, drive, system, contacts, work = parts.state, parts.drive, parts.system, parts.contacts, parts.work
-    motion, room, around = work.motion, work.room, system.surroundings
-    blend = (step + 0.5) / (heights.shape[0] - 1)
+    around, island, known = system.surroundings, work.equations.island, work.midpoint_known
+    muscles, rows, fingers, size = state.shape.shape[0], state.velocity.shape[0], known.shape[0], contacts.coordinates
+    lift, hand, iterations = heights[step], rates[step + 1], 0
+    _drive_lanes(drive, (step + 0.5) / (heights.shape[0] - 1), system.rod, work.room)
     gravity = (
         system.gravity[0],
         system.gravity[1],
         system.gravity[2] + (rates[step + 1] - rates[step]) / system.step_s,
     )
-    in_reach, touching = _may_touch(around), False
-    # Whether fingers may meet is asked of where the last sweep saw them, which costs no motion of its own.
-    near = in_reach or (around.fingers_touch and fingers_near(system.bases, system.rod, motion, work.room_of_lines))
-    for sweep in range(system.sweeps):
-        share = 0.5 if sweep > 0 else 0.0
-        anew = in_reach or sweep > 0 or not midpoint
-        if anew or near:
-            _move_muscles(state, work.start, system, share, motion, room)
-        if sweep == 0 and near:
-            touching = _touch(state, system, heights[step], rates[step + 1], work, contacts)
-        if anew or touching:
-            masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
-        _muscle_equations(state, work.start, system, drive, blend, work.theta, room, work.a, work.b)
-        if state.velocity.shape[0] > state.shape.shape[0]:
-            _object_equations(state, work.start, system, share, work.rotation, work.middle, work.a, work.b)
-        if touching:  # contact is of first order: the midpoint would not help
-            if ahead:
-                for i in range(state.velocity.shape[0]):
+    pull = max(system.step_s * system.step_s * norm(gravity) - SEEN_LATE_M, 0.0)
+    reach = pull + 1.5 * (work.way[0] + abs(system.step_s * hand))
+    for _ in range(LOOKS):
+        near = _near(parts, lift, max(reach, system.rod.radius) + work.way[0])
+        _let_go(island, work.theta, contacts)
+        for i in range(rows):
+            state.velocity[i] = work.start[i]
+        for sweep in range(-1, system.sweeps):
+            first, more = sweep < 0, sweep > 0
+            motion = work.touch_motion if first else work.motion
+            room = work.touch_room if first else work.room
+            if more or (first and (near or not _all_known(known, island))):
+                _move_muscles(system, 0.5 if more else 0.0, motion, room)
+            if first and (near or around.shape >= 0):
+                outlook = Outlook(system.step_s, reach, pull, work.start, muscles, work.rates)
+                _touch(state, system, lift, hand, near, outlook, work, contacts)
+            anew = first and not _all_known(known, island)
+            if more or anew:
+                masses_and_loads(system.rod, motion, gravity, room.work, room.mass, room.load)
+            if anew or not first:
+                _muscle_equations(system, work.theta, room)
+            if not first:
+                solved, changed = _solve_muscles(room, island, state.velocity)
+                if not solved:
+                    return NOT_FINITE, iterations
+                if changed < FOUND_RAD_S:
+                    break
+                continue
+            if anew:
+                _spread_equations(room.a, room.b, fingers, work.a, work.b)
+                _keep_masses(known, island, room, work.room)
+            if rows > muscles and island[fingers] < 0:
+                if not _move_object_freely(state, work.start, system, work):
+                    return NOT_FINITE, iterations
+            elif rows > muscles:
+                _object_equations(state, work.start, system, 0.0, work.rotation, work.middle, work.a, work.b)
+            for i in range(rows if ahead else 0):
+                if island[min(i // size, fingers)] >= 0:
                     state.velocity[i] += work.ahead[i]
-            left, count = solve_contacts(
-                work.a, work.b, state.velocity, system.step_s, system.laws, contacts, work.equations
-            )
-            return OK if left < SOLVED_M_S else NOT_SOLVED, count, True
-        solved, changed = _solve_in_the_air(work.a, work.b, work.equations.first, state.velocity)
-        if not solved:
-            return NOT_FINITE, 0, False
-        if changed < FOUND_RAD_S:
+            for body in range(fingers + 1):
+                if island[body] == body:
+                    left, count = solve_contacts(
+                        work.a, work.b, state.velocity, body, system.step_s, system.laws, contacts, work.equations
+                    )
+                    iterations = max(iterations, count)
+                    if not left < SOLVED_M_S:
+                        return NOT_SOLVED, iterations
+            if _all_touch(island):
+                break
+            _take_lanes(state.velocity, work.room.velocity, fingers)
+        work.way[0] = _farthest(state, work.start, system, work.theta, hand)
+        if work.way[0] <= max(reach, system.rod.radius):
             break
-    return OK, 0, False
+        reach = 1.1 * work.way[0]
+        pull = reach
+    for f in range(fingers):
+        known[f] = island[f] < 0
+    return TOO_DEEP if _too_deep(system.step_s, system.rod.radius, contacts) else OK, iterations
 
 
 @kernel(inline="always")
@@ -538,35 +793,89 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     two are handed on, or there is more than one caller, a function of its own is compiled faster.
     """
     state, system, contacts, work = parts.state, parts.system, parts.contacts, parts.work
-    steps = heights.shape[0] - 1
+    steps, fingers = heights.shape[0] - 1, work.theta.shape[0] - 1
     if steps == 0:
-        _move_muscles(state, state.velocity, system, 0.0, parts.motion, work.room)
+        _take_lanes(state.shape, work.room.at, fingers)
+        _take_lanes(state.velocity, work.room.start, fingers)
+        _move_muscles(system, 0.0, parts.motion, work.room)
+        _hold(parts.drive)
         return OK, 0
-    iterations, midpoint, ahead = 0, work.midpoint_known[0], work.ahead_known[0]
-    work.midpoint_known[0] = work.ahead_known[0] = False  # unless all goes well
-    if system.surroundings.fingers_touch and not midpoint:
-        _move_muscles(state, state.velocity, system, 0.0, work.motion, work.room)
+    iterations, ahead = 0, work.ahead_known[0]
+    work.ahead_known[0] = False  # unless all goes well
+    _copy_state(state, work.before)
+    directors, load, mass, known = work.midpoints
+    _copy_lanes(work.motion.tangent, work.room.load, work.room.mass, directors, load, mass)
+    for f in range(fingers):
+        known[f] = work.midpoint_known[f]
     for step in range(steps):
-        contacts.count[0] = 0
-        work.theta[:] = 0.5
         for i in range(state.velocity.shape[0]):
             work.start[i] = state.velocity[i]
-        answer, count, touching = _find_velocities(parts, heights, rates, step, midpoint, ahead)
+        _take_lanes(state.shape, work.room.at, fingers)
+        _take_lanes(work.start, work.room.start, fingers)
+        answer, count = _find_velocities(parts, heights, rates, step, ahead)
         iterations = max(iterations, count)
         if answer == OK:
             answer = _move(state, work.start, system.step_s, system.rod.stretches.shape[1], work.theta, work.turn)
         if answer != OK:
+            _copy_state(work.before, state)
+            _copy_lanes(directors, load, mass, work.motion.tangent, work.room.load, work.room.mass)
+            for f in range(fingers):
+                work.midpoint_known[f] = known[f]
             return answer, iterations
+        remember(system.step_s, system.laws, contacts, Grip(state.held, state.slots, state.springs))
         _look_ahead(state.velocity, work.start, ahead, work.gain, work.ahead)
-        midpoint, ahead = not touching, True
-    work.midpoint_known[0], work.ahead_known[0] = midpoint, ahead
+        ahead = True
+    work.ahead_known[0] = ahead
+    _hold(parts.drive)
     _sum_forces(contacts, parts.forces)
     return OK, iterations
 
 
+@kernel
+def _copy(values: Array, there: Array) -> None:
+    for i in range(values.shape[0]):
+        there[i] = values[i]
+
+
+@kernel
+def _copy_lanes(directors: Array, loads: Array, masses: Array, to: Array, to_loads: Array, to_masses: Array) -> None:
+    """Copy what is known of the muscles at a midpoint."""
+    for k in range(directors.shape[0]):
+        for i in range(3):
+            _copy(directors[k, i], to[k, i])
+    for i in range(loads.shape[0]):
+        _copy(loads[i], to_loads[i])
+        for j in range(loads.shape[0]):
+            _copy(masses[i, j], to_masses[i, j])
+
+
+@kernel
+def _copy_state(state: State, there: State) -> None:
+    _copy(state.shape, there.shape)
+    _copy(state.velocity, there.velocity)
+    _copy(state.position, there.position)
+    _copy(state.orientation, there.orientation)
+    there.held[0] = state.held[0]
+    for c in range(state.held[0]):
+        there.slots[c] = state.slots[c]
+        _copy(state.springs[c], there.springs[c])
+
+
+@kernel
+def _hold(drive: Drive) -> None:
+    """Let what drives the muscles at the end of the call be what drives them from then on."""
+    for f in range(drive.stiffnesses.shape[1]):
+        drive.stiffnesses[0, f], drive.torsions[0, f] = drive.stiffnesses[1, f], drive.torsions[1, f]
+        drive.axials[0, f], drive.free_stretches[0, f] = drive.axials[1, f], drive.free_stretches[1, f]
+        for i in range(2):
+            drive.moments[0, f, i], drive.couplings[0, f, i] = drive.moments[1, f, i], drive.couplings[1, f, i]
+
+
 def forget(work: Work) -> None:
     """Let the next step go on from the state alone."""
-    work.midpoint_known[0] = work.ahead_known[0] = False
+    work.midpoint_known[:] = False
+    work.ahead_known[0] = False
+    work.way[0] = 0.0
 
 
 def _sample() -> Parts:
@@ -576,8 +885,10 @@ def _sample() -> Parts:
         np.ones((1, 2, 1)), np.ones((1, 2, 0)), none, one, none[0], 1.0, square, none[0], one, pair, pair, 1.0, 1.0, 1.0
     )
     around = Surroundings(-1, np.zeros(3), np.zeros((0, 3)), False, False)
-    system = System(1.0, 1, np.zeros(3), np.zeros((1, 3)), rod, 0.0, 0.0, np.zeros(3), around, np.zeros((5, 7)))
-    return assemble(State(np.zeros(2), np.zeros(2), np.zeros(3), np.zeros(4)), system, contact_table(1, 2))
+    system = System(1.0, 1, np.zeros(3), np.zeros((1, 3)), rod, 0.0, 0.0, np.zeros(3), around, np.zeros((5, 6)))
+    contacts = contact_table(1, 2)
+    state = new_state(contacts, np.zeros(2), np.zeros(2), np.zeros(3), np.zeros(4))
+    return assemble(state, system, contacts)
 
 
 _write, _read = access(_sample())
@@ -592,16 +903,17 @@ def _cached(
     the closure, is part of the cache's key: no stale machine code after an edit of another file.
     """
 
-    @kernel(cache=True)
+    @entry(cache=True)
     def _bind(bound: Block, parts: Parts) -> None:
         if source_digest >= 0:
             _write(bound, parts)
 
-    @kernel(cache=True)
+    @entry(cache=True, nogil=True)
     def advance(bound: Block, heights: Array, rates: Array) -> tuple[int, int]:
         """Advance the state in place by all sub-steps; return OK or what went wrong, and the most Newton steps.
 
-        Without a sub-step this shows the state: it writes ``motion``, and nothing else.
+        Then the drive's end is its start too. If something went wrong, the state is that before the call.
+        Without a sub-step this shows the state: it writes ``motion``. Python's lock is not held.
 
         Args:
             bound: the parts, from :func:`bind`.

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.plant.mechanics.kernel import kernel
+from mbpam_ros.plant.mechanics.kernel import kernel, piece
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
+Number = TypeVar("Number", float, Array)
+"""One, or one in each lane (:mod:`~mbpam_ros.plant.mechanics.lanes`)."""
+
+Triple = tuple[Number, Number, Number]
 
 
 @kernel
@@ -25,8 +30,8 @@ def row(values: Array, place: int) -> Vector:
     return values[place, 0], values[place, 1], values[place, 2]
 
 
-@kernel
-def dot(a: Vector, b: Vector) -> float:
+@piece
+def dot(a: Triple[Number], b: Triple[Number]) -> Number:
     """Return a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
@@ -37,14 +42,14 @@ def norm(a: Vector) -> float:
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
-@kernel
-def cross(a: Vector, b: Vector) -> Vector:
+@piece
+def cross(a: Triple[Number], b: Triple[Number]) -> Triple[Number]:
     """Return a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@kernel
-def plus(a: Vector, b: Vector) -> Vector:
+@piece
+def plus(a: Triple[Number], b: Triple[Number]) -> Triple[Number]:
     """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
@@ -61,8 +66,10 @@ def times(s: float, a: Vector) -> Vector:
     return s * a[0], s * a[1], s * a[2]
 
 
-@kernel
-def combined(r: float, a: Vector, s: float, b: Vector, t: float, c: Vector) -> Vector:
+@piece
+def combined(
+    r: Number, a: Triple[Number], s: Number, b: Triple[Number], t: Number, c: Triple[Number]
+) -> Triple[Number]:
     """Return r a + s b + t c."""
     return r * a[0] + s * b[0] + t * c[0], r * a[1] + s * b[1] + t * c[1], r * a[2] + s * b[2] + t * c[2]
 

@@ -26,15 +26,16 @@ from mbpam_ros.plant.mechanics.step import (
     NOT_SOLVED,
     OK,
     TOO_BENT,
+    TOO_DEEP,
     TOO_FAST,
     TOO_LONG,
     Drive,
-    State,
     System,
     advance,
     assemble,
     bind,
     forget,
+    new_state,
 )
 from mbpam_ros.plant.tiers.base import (
     CENTRELINE_POINTS,
@@ -62,8 +63,10 @@ _REASONS = {
     TOO_BENT: f"a bend is beyond {np.degrees(LARGEST_BEND_RAD):.0f} deg",
     TOO_LONG: f"a muscle is longer or shorter by more than {LARGEST_STRETCH:.0%}",
     NOT_SOLVED: "the contact equations were not solved",
+    TOO_DEEP: "something is pushed into something else by more than 10 mm, and would come out behind it",
 }
 _REMEDY = "use a smaller sub_step_s, a smaller contact stiffness, or a larger retardation_time_s or damping."
+_SOFT = "use a smaller sub_step_s, a greater contact stiffness, or less mass, speed or pressure."
 
 
 class RodTier(Tier):
@@ -117,9 +120,9 @@ class RodTier(Tier):
         self._coordinates = self._fingers * columns
         rates = self._coordinates + (0 if body is None else 6)
         self._memory = np.zeros(self._coordinates + rates + 7)
-        state = State(*np.split(self._memory, np.cumsum([self._coordinates, rates, 3])))
-        most = contact_limit(self._fingers, len(planes), setup.fingers_touch)
-        self._parts = assemble(state, system, contact_table(most, columns))
+        contacts = contact_table(contact_limit(self._fingers, len(planes), setup.fingers_touch), columns)
+        state = new_state(contacts, *np.split(self._memory, np.cumsum([self._coordinates, rates, 3])))
+        self._parts = assemble(state, system, contacts)
         drive = self._parts.drive
         self._start, self._now = (_acting(Drive(*(part[end] for part in drive))) for end in (0, 1))
         damped = config.retardation_time_s > 0.0
@@ -132,7 +135,8 @@ class RodTier(Tier):
             raise TierError("muscles that stretch or twist need an actuation that says how: give it a strain law")
         body, state = self._setup.body, self._parts.state
         self._memory[:] = 0.0
-        _write(self._now, actuation)
+        state.held[0] = 0
+        self._act(actuation)
         state.orientation[3] = 1.0
         if body is not None:
             state.velocity[self._coordinates :] = *body.velocity_m_s, *body.angular_velocity_rad_s
@@ -143,16 +147,13 @@ class RodTier(Tier):
         self._begin()
 
     def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        _write(self._start, self._now)
         _write(self._now, actuation)
-        memory = self._memory.copy()
         answer, self.iterations = self._advance(hand_height_m, hand_velocity_m_s)
         self._shown = False
         if answer != OK:
-            self._memory[:] = memory
             _write(self._now, self._start)
-            self._begin()
-            remedy = _REMEDY.capitalize()
+            self._show()
+            remedy = (_REMEDY if answer != TOO_DEEP else _SOFT).capitalize()
             bend = np.hypot(*actuation.moment_n_m.T) * self._setup.geometry.active_length_m / actuation.stiffness_n_m2
             if answer == TOO_BENT and bend.max() > 0.5 * LARGEST_BEND_RAD:  # swings go twice as far
                 remedy = (
@@ -179,7 +180,7 @@ class RodTier(Tier):
 
         The object stays as it is here.
         """
-        _write(self._now, other._now)
+        self._act(other._now)
         for own, theirs in zip(self._parts.state[:2], other._parts.state[:2], strict=True):
             own[: self._coordinates] = 0.0
             rows, there = (
@@ -202,7 +203,8 @@ class RodTier(Tier):
 
     def centreline_m(self) -> Array:
         """Return points of the centre lines as in :class:`~mbpam_ros.plant.tiers.base.TierState`."""
-        return self._line_weights @ self._motion.tangent + self._setup.finger_base_m[:, None, :]
+        directors = np.moveaxis(self._motion.tangent[..., : self._fingers], -1, 0)
+        return self._line_weights @ directors + self._setup.finger_base_m[:, None, :]
 
     def body_state(self) -> BodyState | None:
         """Return copies of where the object is and how it moves; none without one."""
@@ -222,8 +224,9 @@ class RodTier(Tier):
     def state(self) -> TierState:
         shape, velocity, fingers = self._parts.state.shape, self._parts.state.velocity, self._coordinates
         rates = velocity[:fingers].reshape(self._fingers, -1)
-        tip_rate = np.einsum("fij,fj->fi", self._motion.slope[:, -1], rates)
-        bend, bend_rate = tip_bend(self._motion.tangent[:, -1], tip_rate, shape.reshape(self._fingers, -1)[:, :2])
+        tip, slope = (part[-1, ..., : self._fingers] for part in (self._motion.tangent, self._motion.slope))
+        tip_rate = np.einsum("ijf,fj->fi", slope, rates)
+        bend, bend_rate = tip_bend(tip.T, tip_rate, shape.reshape(self._fingers, -1)[:, :2])
         return TierState(
             bend_rad=bend,
             bend_rate_rad_s=bend_rate,
@@ -234,6 +237,11 @@ class RodTier(Tier):
             palm_force_n=self._parts.forces.palm.copy(),
             between_fingers_force_n=self._parts.forces.between.copy(),
         )
+
+    def _act(self, actuation: Actuation) -> None:
+        """Let the actuation be the one that acts already."""
+        _write(self._start, actuation)
+        _write(self._now, actuation)
 
     def _begin(self) -> None:
         """Go on from a state that no step has led to. The first time this compiles, before the first tick."""

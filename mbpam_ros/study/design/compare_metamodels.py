@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from concurrent.futures import Executor
+from pathlib import Path
 
 from mbpam_ros.actuator.design import MetamodelName
 from mbpam_ros.actuator.metamodel import METAMODELS, REFITTED_SAMPLES
@@ -12,7 +13,8 @@ from mbpam_ros.configuration import config_path
 from mbpam_ros.study.design.comparison import Judged, judge
 from mbpam_ros.study.design.samples import RESPONSES, Samples
 from mbpam_ros.study.executors import ThisProcess
-from mbpam_ros.study.jobs import as_they_end
+from mbpam_ros.study.jobs import ResultFile, run_jobs
+from mbpam_ros.study.provenance import machine, sources_digest, versions
 from mbpam_ros.terminal import Progress
 
 _KRIGING = ("krg", "krg_nugget")
@@ -39,6 +41,7 @@ def compare(
     correlation: str = "gaussian",
     executor: Executor | None = None,
     progress: Progress | None = None,
+    kept_in: Path | None = None,
 ) -> dict[str, dict[str, Judged]]:
     """Return every metamodel of the package, by its name in capitals, for each response.
 
@@ -48,26 +51,40 @@ def compare(
         trend, correlation: of both kriging metamodels.
         executor: where they are fitted; none for this process.
         progress: told of each; none for silence.
+        kept_in: file of those that are finished, which are not judged again; none to keep nothing.
 
     Raises:
         DesignDomainError, MetamodelError, JudgingError: the samples cannot be used so; the message says why.
+        ResultFileError: ``kept_in`` cannot be written, or is no such file.
     """
     progress = progress or Progress(silent=True)
     jobs = {name.upper(): (name, training, validation, trend, correlation) for name in METAMODELS}
-    progress.start(len(jobs))
-    found = {}
-    for name, future in as_they_end(jobs, judge_metamodel, executor or ThisProcess(), progress):
-        found[name] = future.result()
-        progress.job_ended(f"{name} fitted and judged")
-    return {name: found[name] for name in jobs}
+    settings = {
+        "sources": sources_digest(),
+        "machine": machine(),  # of the times
+        "versions": versions("numpy", "scipy"),
+        "training": training.digest(),
+        "validation": None if validation is None else validation.digest(),
+        "trend": trend,
+        "correlation": correlation,
+    }
+    kept = ResultFile(kept_in, settings, "metamodels", lambda row: row["metamodel"])
+    run_jobs(jobs, judge_metamodel, kept, executor or ThisProcess(), progress, _text)
+    rows = kept.write(list(jobs))["metamodels"]
+    return {row["metamodel"]: {key: Judged.of_row(row["judged"][key]) for key in RESPONSES} for row in rows}
 
 
 def judge_metamodel(
     name: MetamodelName, training: Samples, validation: Samples | None, trend: str, correlation: str
-) -> dict[str, Judged]:
-    """Return one of them for each response; arguments and errors as for :func:`compare`."""
+) -> dict[str, object]:
+    """Return one of them for each response, as plain values; arguments and errors as for :func:`compare`."""
     options = {"trend": trend, "correlation": correlation} if name in _KRIGING else {}
-    return judge(functools.partial(METAMODELS[name], domain=training.domain(), **options), training, validation)
+    judged = judge(functools.partial(METAMODELS[name], domain=training.domain(), **options), training, validation)
+    return {"metamodel": name.upper(), "judged": {key: each.row() for key, each in judged.items()}}
+
+
+def _text(row: dict) -> str:
+    return f"{row['metamodel']} fitted and judged"
 
 
 def expected_s(samples: int, left_out: bool) -> float:

@@ -60,6 +60,22 @@ class Judged:
             "sigma_coverage": None if self.coverage is None else self.coverage.as_json(),
         }
 
+    def row(self) -> dict[str, object]:
+        """Return everything as plain values, from which :meth:`of_row` makes it again."""
+        return {**asdict(self), "predicted": self.predicted.tolist()}
+
+    @classmethod
+    def of_row(cls, row: dict) -> Judged:
+        """Return what :meth:`row` wrote down."""
+        return cls(
+            Accuracy(**row["accuracy"]),
+            Speed(**row["speed"]),
+            row["parameters"],
+            np.array(row["predicted"]),
+            None if row["coverage"] is None else Coverage(**row["coverage"]),
+            row["held_back"],
+        )
+
 
 def judge(make: Callable[[], Metamodel], training: Samples, validation: Samples | None) -> dict[str, Judged]:
     """Fit one kind of metamodel to each response of ``training`` and judge it on ``validation``.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +12,16 @@ from scipy.spatial.distance import pdist
 from scipy.stats import qmc
 
 from mbpam_ros.errors import MbpamError
+from mbpam_ros.study.executors import ThisProcess
+from mbpam_ros.study.jobs import ResultFile, run_jobs
+from mbpam_ros.study.provenance import versions
+from mbpam_ros.terminal import Progress
 
 RANGES = {"a_mm": (1.5, 3.5), "b_mm": (1.0, 3.0), "c_mm": (1.0, 3.0), "n": (6.0, 14.0)}
 """The paper's four design variables with their ranges (section 3.2); n is a whole number of waves."""
+
+S_PER_POINT = 0.025
+"""CPU of a restart over its points, a guess."""
 
 
 class SamplingError(MbpamError, ValueError):
@@ -45,7 +54,15 @@ def space_filling(unit_points: NDArray[np.float64]) -> SpaceFilling:
     return SpaceFilling(float(qmc.discrepancy(unit_points, method="CD")), float(pdist(unit_points).min()))
 
 
-def optimal_latin_hypercube(count: int, variables: int, seed: int, restarts: int = 8) -> NDArray[np.float64]:
+def optimal_latin_hypercube(
+    count: int,
+    variables: int,
+    seed: int,
+    restarts: int = 8,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    kept_in: Path | None = None,
+) -> NDArray[np.float64]:
     """Return ``count`` points in the unit cube, one in each of ``count`` equal levels 0 ... 1 of every variable.
 
     Latin hypercubes whose centred discrepancy SciPy has lowered by random exchanges within columns; of ``restarts``
@@ -55,26 +72,49 @@ def optimal_latin_hypercube(count: int, variables: int, seed: int, restarts: int
     Args:
         count: at least 2.
         variables: at least 2.
-        seed: equal seeds give equal bits.
-        restarts: independent designs to choose from.
+        seed: equal seeds give equal bits, wherever the restarts run.
+        restarts: independent designs to choose from, each of a random generator of its own.
+        executor: where they run; none for this process.
+        progress: told of each; none for silence.
+        kept_in: file of those that are finished, which are not run again; none to keep nothing.
 
     Raises:
         SamplingError: too few points, variables or restarts.
+        ResultFileError: ``kept_in`` cannot be written, or is no such file.
     """
     if count < 2 or variables < 2 or restarts < 1:
         raise SamplingError(
             "an optimal design needs at least 2 points, 2 variables and 1 restart, "
             f"found {count}, {variables} and {restarts}"
         )
-    generator = np.random.default_rng(seed)
-    candidates = []
-    for _ in range(restarts):
-        # SciPy before 1.15, which ROS 2 Jazzy's system has, knows this argument only as seed.
-        sampler = qmc.LatinHypercube(variables, scramble=False, optimization="random-cd", seed=generator)
-        # Cell centres (k + 1/2) / count; stretched to k / (count - 1).
-        level = np.rint(sampler.random(count) * count - 0.5)
-        candidates.append(level / (count - 1))
-    return max(candidates, key=lambda points: space_filling(points).smallest_distance)
+    settings = {"versions": versions("numpy", "scipy"), "count": count, "variables": variables, "seed": seed}
+    jobs = {f"restart {restart}": (count, variables, seed, restart) for restart in range(restarts)}
+    kept = ResultFile(kept_in, settings, "restarts", _name_of)
+    run_jobs(
+        jobs,
+        _restarted,
+        kept,
+        executor or ThisProcess(),
+        progress or Progress(silent=True),
+        _name_of,
+        s_per_job=S_PER_POINT * count,
+    )
+    levels = [np.array(row["levels"], dtype=float) for row in kept.write(list(jobs))["restarts"]]
+    return max((each / (count - 1) for each in levels), key=lambda points: space_filling(points).smallest_distance)
+
+
+def _restarted(count: int, variables: int, seed: int, restart: int) -> dict:
+    """Return one design as whole levels 0 ... count - 1, rows of points."""
+    # SciPy before 1.15, which ROS 2 Jazzy's system has, knows this argument only as seed.
+    generator = np.random.default_rng((seed, restart))
+    sampler = qmc.LatinHypercube(variables, scramble=False, optimization="random-cd", seed=generator)
+    # Cell centres (k + 1/2) / count.
+    levels = np.rint(sampler.random(count) * count - 0.5).astype(int)
+    return {"restart": restart, "levels": levels.tolist()}
+
+
+def _name_of(row: dict) -> str:
+    return f"restart {row['restart']}"
 
 
 def to_unit(points: NDArray[np.float64], names: tuple[str, ...]) -> NDArray[np.float64]:

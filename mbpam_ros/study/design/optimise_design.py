@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,8 @@ from mbpam_ros.study.design.pareto import Front, grid_front, hypervolume_ratio
 from mbpam_ros.study.design.responses import Responses, fitted_responses
 from mbpam_ros.study.design.samples import Samples
 from mbpam_ros.study.design.uncertainty import kriging_sigma, left_out, uncertain_kriging
-from mbpam_ros.study.jobs import as_they_end
+from mbpam_ros.study.jobs import ResultFile, run_jobs
+from mbpam_ros.study.provenance import sources_digest, versions
 from mbpam_ros.terminal import Progress
 
 ALGORITHMS: dict[str, Callable[[Evaluations, int], None]] = {"mopso": mopso, "nsga2": nsga2}
@@ -37,6 +40,36 @@ class Run:
     evaluations: int
     front: Front
     hypervolume_ratio: float
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is optimised.
+
+    Args:
+        name: of the metamodel.
+        samples: that it is fitted to, and the others that it is compared with.
+        responses: that it gives.
+        truth: front of a dense grid of them.
+        initial: design that gains are measured by, if there is one.
+    """
+
+    name: str
+    samples: Samples
+    responses: Responses
+    truth: Front
+    initial: Reference | None
+
+    def settings(self) -> dict[str, object]:
+        """Return what all results depend on."""
+        pymoo = ["pymoo"] if find_spec("pymoo") else []
+        return {
+            "sources": sources_digest(),
+            "versions": versions("numpy", "scipy", *pymoo),
+            "metamodel": self.name,
+            "samples": self.samples.digest(),
+            "initial": None if self.initial is None else asdict(self.initial),
+        }
 
 
 def optimise(responses: Responses, truth: Front, algorithm: str, seed: int) -> Run:
@@ -66,38 +99,72 @@ def check_table_5(responses: Responses) -> list[dict[str, float]]:
     ]
 
 
-def gains_by_metamodel(
-    samples: Samples, initial: Reference, executor: Executor, progress: Progress
-) -> dict[str, dict[str, float | None]]:
-    """Return what the grid front of each metamodel offers over the initial design: how far the models disagree.
+def run_all(
+    question: Question,
+    wanted: Sequence[tuple[str, int]],
+    executor: Executor,
+    progress: Progress,
+    kept_in: Path | None = None,
+) -> tuple[list[Run], dict[str, dict[str, float | None]]]:
+    """Run pairs of algorithm and seed, and compare the metamodels.
+
+    Args:
+        question: what is optimised.
+        wanted: the pairs.
+        executor: where they run.
+        progress: told of each.
+        kept_in: file of what is finished, which is not run again; none to keep nothing.
+
+    Returns:
+        :func:`optimise` of the pairs, in their order, and what the grid front of each metamodel offers over the initial
+        design: how far the models disagree. Without an initial design that is empty.
 
     Raises:
         DesignDomainError, MetamodelError: the samples do not determine a metamodel.
+        FrontError, OptimisationError: as :func:`optimise`.
+        ResultFileError: ``kept_in`` cannot be written, or is no such file.
     """
-    jobs: dict[str, tuple] = {name: (name, samples, initial) for name in METAMODELS}
-    found = {}
-    for name, future in as_they_end(jobs, metamodel_gains, executor, progress):
-        found[name] = future.result()
-        progress.job_ended(f"gains by {name}")
-    return {name: found[name] for name in jobs}
+    runs = {f"{algorithm}, seed {seed}": (question, algorithm, seed) for algorithm, seed in wanted}
+    compared = {} if question.initial is None else {f"gains by {name}": (question, name) for name in METAMODELS}
+    jobs: dict[str, tuple] = {
+        **{name: (name, _run_values, *arguments) for name, arguments in runs.items()},
+        **{name: (name, metamodel_gains, *arguments) for name, arguments in compared.items()},
+    }
+    kept = ResultFile(kept_in, question.settings(), "runs", _job_of)
+    run_jobs(jobs, _row, kept, executor, progress, _job_of)
+    rows = {_job_of(row): row["found"] for row in kept.write(list(jobs))["runs"]}
+    return [_run_of(rows[name]) for name in runs], {name: rows[f"gains by {name}"] for name in METAMODELS if compared}
 
 
-def metamodel_gains(name: str, samples: Samples, initial: Reference) -> dict[str, float | None]:
-    """Return what the grid front of one metamodel offers over the initial design; errors as above."""
-    responses = fitted_responses(name, samples)
-    return asdict(gains(grid_front(responses.objectives, responses.domain, 201), initial))
+def metamodel_gains(question: Question, name: str) -> dict[str, float | None]:
+    """Return what the grid front of one metamodel offers over the initial design.
+
+    Raises:
+        DesignDomainError, MetamodelError: the samples do not determine it.
+    """
+    if question.initial is None:
+        return {}
+    responses = fitted_responses(name, question.samples)
+    return asdict(gains(grid_front(responses.objectives, responses.domain, 201), question.initial))
 
 
-def run_all(
-    responses: Responses, truth: Front, wanted: Sequence[tuple[str, int]], executor: Executor, progress: Progress
-) -> list[Run]:
-    """Return :func:`optimise` for pairs of algorithm and seed, in their order."""
-    jobs = {f"{algorithm}, seed {seed}": (responses, truth, algorithm, seed) for algorithm, seed in wanted}
-    runs = {}
-    for name, future in as_they_end(jobs, optimise, executor, progress):
-        runs[name] = future.result()
-        progress.job_ended(name)
-    return [runs[name] for name in jobs]
+def _row(job: str, work: Callable[..., dict], *arguments: object) -> dict:
+    return {"job": job, "found": work(*arguments)}
+
+
+def _job_of(row: dict) -> str:
+    job: str = row["job"]
+    return job
+
+
+def _run_values(question: Question, algorithm: str, seed: int) -> dict:
+    run = optimise(question.responses, question.truth, algorithm, seed)
+    front = {"design_mm": run.front.design_mm.tolist(), "values": run.front.values.tolist()}
+    return {**asdict(run), "front": front}
+
+
+def _run_of(values: dict) -> Run:
+    return Run(**{**values, "front": Front(*(np.array(values["front"][key]) for key in ("design_mm", "values")))})
 
 
 def expected_s(samples: int, runs: int, with_gains: bool) -> float:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,7 @@ from mbpam_ros.study.design.latin_hypercube import (
     to_unit,
 )
 from mbpam_ros.study.design.samples import Samples
-from mbpam_ros.terminal import table
+from mbpam_ros.terminal import Progress, table
 
 VARIABLES = {"a,b": ("a_mm", "b_mm"), "a,b,c,n": ("a_mm", "b_mm", "c_mm", "n")}
 """What can be sampled, with the columns of the result."""
@@ -81,13 +83,24 @@ class SampledDesign:
         }
 
 
-def sampled_design(variables: str, count: int, seed: int, restarts: int) -> SampledDesign:
+def sampled_design(
+    variables: str,
+    count: int,
+    seed: int,
+    restarts: int,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    kept_in: Path | None = None,
+) -> SampledDesign:
     """Return ``count`` designs over :data:`VARIABLES` of that name, the best of so many restarts.
+
+    The last three arguments are those of :func:`~mbpam_ros.study.design.latin_hypercube.optimal_latin_hypercube`.
 
     Raises:
         ConfigError: the paper's table is missing or unreadable.
         SamplingError: too few points or restarts.
+        ResultFileError: ``kept_in`` cannot be written, or is no such file.
     """
     names = VARIABLES[variables]
-    points = from_unit(optimal_latin_hypercube(count, len(names), seed, restarts), names)
-    return SampledDesign(names, seed, points, Samples.of_the_paper(TRAINING_TABLE).design_mm)
+    levels = optimal_latin_hypercube(count, len(names), seed, restarts, executor, progress, kept_in)
+    return SampledDesign(names, seed, from_unit(levels, names), Samples.of_the_paper(TRAINING_TABLE).design_mm)

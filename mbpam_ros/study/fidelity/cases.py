@@ -14,13 +14,16 @@ from numpy.typing import NDArray
 from mbpam_ros.actuator.chambers import pressurised_chambers
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.modes import load_modes
-from mbpam_ros.plant.scene import Scene, load_scene
+from mbpam_ros.plant.scene import ObjectSpec, Scene, load_scene
 
 Array = NDArray[np.float64]
 
 FULL_PA = 100e3
+SLENDERNESS = 8.0
+"""From which on a cylinder is grasped as a slender rod, as ``grasp.yaml`` has it."""
+
 _RAMP = ((0.0, 0.0), (0.5, 1.0))
-_FREE_REST_S, _CLOSED_S, _LIFTED_S = 1.8, 1.5, 3.1
+_FREE_REST_S, _CLOSED_S, _LIFTED_REST_S = 1.8, 1.5, 0.6
 _UNEQUAL_SHARES = ((1.0, 0.5, 0.0, 0.0), (1.0, 0.5, 0.5, 0.0), (1.0, 0.25, 0.0, 0.75), (0.9, 0.0, 0.3, 0.6))
 """Of the chamber that faces the gripper's middle, and of the next ones, for fingers 1 to 4: all bend outward."""
 
@@ -62,10 +65,10 @@ def _closing(mode: str, full_pa: float = FULL_PA) -> Array:
     return load_modes()[mode].setpoints(full_pa)
 
 
-def _opening() -> Array:
+def _opening(full_pa: float = FULL_PA) -> Array:
     """Two fingers under two chambers, two under one, bent away from each other: nothing touches."""
     outward_deg = (0.0, 135.0, 180.0, 315.0)
-    return FULL_PA * np.concatenate([pressurised_chambers(np.radians(azimuth)) for azimuth in outward_deg])
+    return full_pa * np.concatenate([pressurised_chambers(np.radians(azimuth)) for azimuth in outward_deg])
 
 
 def _unequal() -> Array:
@@ -76,13 +79,37 @@ def _free(name: str, setpoint_pa: Array) -> Case:
     return Case(name, load_scene("empty")[0], setpoint_pa, _RAMP, (_FREE_REST_S,), (0.0, _FREE_REST_S))
 
 
+def opening_case(full_pa: float) -> Case:
+    """Return the case in which all muscles bend outward, to a pressure.
+
+    Raises:
+        ConfigError: the scene ``empty`` cannot be read.
+    """
+    return _free("free_bend", _opening(full_pa))
+
+
+def grasp_mode(spec: ObjectSpec) -> str:
+    """Return the mode that suits an object that lies, as the camera's rules have it."""
+    if spec.shape == "cylinder":
+        return "slender_rod" if spec.size_m[2] >= SLENDERNESS * spec.size_m[0] else "short_rod"
+    return {"sphere": "envelope", "box": "mid_rod"}[spec.shape]
+
+
+def grasp_case(name: str, scene: Scene, mode: str, full_pa: float) -> Case:
+    """Return the case that closes upon an object and lifts it: what a step does to friction shows under its weight.
+
+    Raises:
+        ConfigError: the modes cannot be read.
+    """
+    lifted_s = _CLOSED_S + round(100.0 * (scene.lift.duration_s + _LIFTED_REST_S)) / 100.0
+    return Case(name, scene, _closing(mode, full_pa), _RAMP, (_CLOSED_S, lifted_s), (0.0, lifted_s), lift_s=_CLOSED_S)
+
+
 def _grasp(name: str, scene_name: str, full_pa: float = FULL_PA) -> Case:
-    """Close upon an object, and lift it: what a step does to friction shows only under its weight."""
     scene, _ = load_scene(scene_name)
     if scene.object is None:
         raise ConfigError(f"scene {scene_name}: nothing to grasp")
-    setpoints = _closing(scene.object.expected_mode, full_pa)
-    return Case(name, scene, setpoints, _RAMP, (_CLOSED_S, _LIFTED_S), (0.0, _LIFTED_S), lift_s=_CLOSED_S)
+    return grasp_case(name, scene, scene.object.expected_mode, full_pa)
 
 
 def all_cases() -> tuple[Case, ...]:

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.rod_law import RodLaw
+from mbpam_ros.actuator.strains import STRAINS
 from mbpam_ros.configuration import ConfigError, config_path
-from mbpam_ros.plant.fidelity import STRAINS, ModelError
+from mbpam_ros.plant.fidelity import ModelError
 from mbpam_ros.study.muscle_states import RodModel, compared, read_states
 
 STATES_FILE = "data/fe_muscle_states.json"

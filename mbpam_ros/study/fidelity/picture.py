@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mbpam_ros.plant.fidelity import STRAINS, Measured, ModelError
+from mbpam_ros.actuator.strains import STRAINS
+from mbpam_ros.plant.fidelity import Measured, ModelError
 from mbpam_ros.plant.planner import AIR_CASES
 from mbpam_ros.study.pictures import new_figure, save_figure
 

@@ -27,7 +27,7 @@ def plan_text(
     lines = [
         f"scene {scene.name}; allowed: {tolerance.static_pct:g} % at rest, {tolerance.transient_pct:g} % in motion, "
         f"{tolerance.contact_force_pct:g} % of contact force",
-        f"measured on: {table.machine.get('processor', 'a machine that is not told')}",
+        f"measured on: {table.machine.get('processor', 'a machine that is not told')}{_when(table)}",
         "",
         str(found),
     ]
@@ -35,6 +35,11 @@ def plan_text(
         asked = dataclasses.replace(request, tolerance=tolerance)
         lines += ["", _as_the_file_says(scene, asked, finger_length_m, table)]
     return "\n".join(lines)
+
+
+def _when(table: FidelityTable) -> str:
+    told = [table.machine[what] for what in ("date", "costs") if what in table.machine]
+    return "".join(f", {each}" for each in told)
 
 
 def _as_the_file_says(scene: Scene, request: FidelityRequest, finger_length_m: float, table: FidelityTable) -> str:

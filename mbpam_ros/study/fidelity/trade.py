@@ -1,19 +1,23 @@
-"""Every case at every fidelity, beside its reference."""
+"""Every case at every fidelity, beside its reference; what each costs; and what may be promised from both."""
 
 from __future__ import annotations
 
 import dataclasses
-import statistics
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.fidelity import STRETCH_MODES, TWIST_MODES, Fidelity, Measured
+from mbpam_ros.plant.planner import AIR, REFERENCE_PNEUMATICS
 from mbpam_ros.plant.tiers.base import PlantDivergedError
 from mbpam_ros.study.fidelity.boundary_value import boundary_value_error_pct
+from mbpam_ros.study.fidelity.calibration import DrawErrors, draw_errors, draw_row, plain
 from mbpam_ros.study.fidelity.cases import Case
+from mbpam_ros.study.fidelity.costs import CostLine, Trust, cost_lines, timed
 from mbpam_ros.study.fidelity.errors import Errors, errors
 from mbpam_ros.study.fidelity.runs import TICK_S, Record, run, run_coarser_reference, run_reference
 from mbpam_ros.study.jobs import ResultFile, as_they_end, run_jobs
@@ -38,8 +42,11 @@ def fidelities(
 
 
 def with_strains(grid: Sequence[Fidelity]) -> tuple[Fidelity, ...]:
-    """Return a grid with its rods once more for each of :data:`STRAIN_MODES`."""
-    rods = [each for each in grid if each.tier == "rod"]
+    """Return a grid with its rods once more for each of :data:`STRAIN_MODES`.
+
+    The simpler pneumatic models are left to muscles that only bend: what they are off by is the air's.
+    """
+    rods = [each for each in grid if each.tier == "rod" and each.pneumatics == REFERENCE_PNEUMATICS]
     return tuple(grid) + tuple(
         dataclasses.replace(each, twist_modes=twist, stretch_modes=stretch)
         for twist, stretch in STRAIN_MODES
@@ -64,28 +71,39 @@ class Trade:
     Args:
         cases: what is run.
         grid: the fidelities; those that cannot run a case are left out for it.
-        rounds: through a case's grid. CPU times are their medians: what else the machine does then falls upon all
-            fidelities alike.
         coarse: whether the reference is the coarser one, whose own convergence is not looked at.
+        scenes: how many are drawn at random to make promises from.
     """
 
     cases: tuple[Case, ...]
     grid: tuple[Fidelity, ...]
-    rounds: int
     coarse: bool = False
+    scenes: int = 0
+
+    @property
+    def has_strains(self) -> bool:
+        """Whether there are rods that do more than bend."""
+        return any(each.strains != ("bend",) for each in self.grid)
 
     def fidelities(self, case: Case) -> list[Fidelity]:
         """Return those that can run a case."""
         return [fidelity for fidelity in self.grid if can_run(case, fidelity)]
 
     def runs(self) -> dict[str, Run]:
-        """Return each run by name, round by round through each case."""
-        return {
-            f"{_name(case, each)}, round {turn}": Run(case, each)
-            for case in self.cases
-            for turn in range(1, self.rounds + 1)
-            for each in self.fidelities(case)
-        }
+        """Return each run by name, case by case."""
+        return {_name(case, each): Run(case, each) for case in self.cases for each in self.fidelities(case)}
+
+    def representatives(self) -> dict[str, Case]:
+        """Return the case that stands for the costs of each kind of scene, the first of its kind."""
+        found: dict[str, Case] = {}
+        for case in self.cases:
+            found.setdefault(kind_of_case(case), case)
+        return found
+
+
+def kind_of_case(case: Case) -> str:
+    """Return which of :data:`~mbpam_ros.plant.planner.KINDS` a case is of."""
+    return AIR if case.scene.object is None else case.scene.object.shape
 
 
 class Run(NamedTuple):
@@ -128,33 +146,21 @@ def reference_check(case: Case, strains: tuple[str, ...], reference: Record, gri
     return check
 
 
-def run_row(
-    name: str, case: Case, fidelity: Fidelity, finest: Fidelity, reference: Reference, gripper: Gripper
-) -> dict[str, object]:
-    """Return the errors and the CPU time of one run under its name, with the check of the reference.
-
-    Args:
-        finest: is run once before in each process, so that what is not yet compiled is.
+def run_row(name: str, case: Case, fidelity: Fidelity, reference: Reference, gripper: Gripper) -> dict[str, object]:
+    """Return the errors of one run under its name, with the check of the reference.
 
     Raises:
         PlantDivergedError: the step is too large for the tier in this case.
     """
-    if case.name not in _COMPILED_CASES:
-        run(case, finest, gripper)
-        _COMPILED_CASES.add(case.name)
     record, (exact, check) = run(case, fidelity, gripper), reference
     off = errors(case, record, exact, gripper.geometry.active_length_m)
-    return {"job": name, **dataclasses.asdict(off), "cpu_ms_per_s": record.cpu_ms_per_s, "check": check}
-
-
-_COMPILED_CASES: set[str] = set()
-"""By this process."""
+    return {"job": name, **dataclasses.asdict(off), "check": check}
 
 
 def measure(
     trade: Trade, gripper: Gripper, results: ResultFile, executor: Executor, progress: Progress
-) -> tuple[list[Measured], dict[str, dict[str, float]]]:
-    """Return the rows of the table and the checks of the references; a fidelity that diverges has no row.
+) -> dict[str, dict]:
+    """Run all cases and all scenes that are drawn; return the rows of the jobs, of which those that diverged have none.
 
     ``results`` is kept up to date; runs that it holds are not run again.
 
@@ -176,26 +182,137 @@ def measure(
         figures = [f"{what.removesuffix('_pct')} {value:.2g} %" for what, value in references[name][1].items()]
         if figures:
             progress.say(f"{name}: reference converged to {', '.join(figures)}")
-    jobs = {
-        name: (name, *each, trade.fidelities(each.case)[-1], references.get(_reference_name(each)), gripper)
-        for name, each in runs.items()
+    bending = [each for each in trade.grid if each.strains == ("bend",)]
+    jobs: dict[str, tuple] = {  # the longest first
+        name: (draw_row, name, number, bending, gripper) for number, name in enumerate(_draw_names(trade))
     }
-    failures = run_jobs(jobs, run_row, results, executor, progress, _text, failing=(PlantDivergedError,))
-    results.write(list(jobs), failures=failures)
-    rows: list[Measured] = []
+    for name, each in runs.items():
+        jobs[name] = run_row, name, *each, references.get(_reference_name(each)), gripper
+    failures = run_jobs(jobs, _row_of, results, executor, progress, _text, failing=(PlantDivergedError,))
+    results.write([*jobs, _COSTS], failures=failures)
+    return results.rows
+
+
+def _row_of(task: Callable[..., dict[str, object]], *arguments: object) -> dict[str, object]:
+    return task(*arguments)
+
+
+def _draw_names(trade: Trade) -> list[str]:
+    return [f"drawn scene {number}" for number in range(trade.scenes)]
+
+
+def drawn(trade: Trade, rows: Mapping[str, dict]) -> list[DrawErrors]:
+    """Return the errors of the drawn scenes from the rows of the jobs."""
+    return [draw_errors(rows[name]) for name in _draw_names(trade) if name in rows]
+
+
+Cost: TypeAlias = Callable[[str, Fidelity], float]
+"""Of a fidelity in a kind of scene [ms per simulated s]."""
+
+
+def measured_costs(trade: Trade, gripper: Gripper, results: ResultFile, progress: Progress) -> tuple[Cost, Trust]:
+    """Time the grid in this process, alone, on one case of each kind of scene; return the cost model and its worth.
+
+    What ``results`` holds is not timed again.
+
+    Raises:
+        ResultFileError: the file of the results cannot be written.
+    """
+    if _COSTS not in results.rows:
+        results.rows[_COSTS] = _timed_row(trade, gripper, progress)
+        results.write(list(results.rows))
+    row = results.rows[_COSTS]
+    times = {(each["kind"], Fidelity(**each["fidelity"])): each["cpu_ms_per_s"] for each in row["times"]}
+    return _cost_model(trade, times), Trust(row["spread"], row["cpu_share"])
+
+
+_COSTS = "costs"
+
+
+def _timed_row(trade: Trade, gripper: Gripper, progress: Progress) -> dict:
+    runs: dict[tuple[str, Fidelity], Callable[[], float]] = {}
+    for kind, case in trade.representatives().items():
+        for each in _timed_fidelities(trade.fidelities(case)):
+            runs[kind, each] = partial(_cpu_ms_per_s, case, each, gripper)
+    progress.say(f"costs: {len(runs)} timings in this process, nothing beside them")
+    # The first run of each compiles, and shows which diverge.
+    runs = {key: each for key, each in runs.items() if math.isfinite(each())}
+    timings, trust = timed(runs, progress.say)
+    return {
+        "job": _COSTS,
+        "spread": trust.spread,
+        "cpu_share": trust.cpu_share,
+        "times": [
+            {"kind": kind, "fidelity": plain(each), **dataclasses.asdict(timing)}
+            for (kind, each), timing in timings.items()
+        ],
+    }
+
+
+def _timed_fidelities(grid: Sequence[Fidelity]) -> list[Fidelity]:
+    """Return what is timed of a grid: three steps of each number of modes, and each simpler pneumatic model once."""
+    steps_s = sorted({each.sub_step_s for each in grid})
+    thirds = {steps_s[0], steps_s[len(steps_s) // 2], steps_s[-1]}
+    exact = {dataclasses.replace(each, pneumatics=REFERENCE_PNEUMATICS) for each in grid}
+    lines = {each for each in exact if each.sub_step_s in thirds or each.tier == "static"}
+    cheap = _cheapest(exact)
+    models = {each.pneumatics for each in grid} - {REFERENCE_PNEUMATICS}
+    return [
+        *sorted(lines | {cheap}),
+        *(dataclasses.replace(cheap, pneumatics=model) for model in sorted(map(str, models))),
+    ]
+
+
+def _cheapest(grid: Iterable[Fidelity]) -> Fidelity:
+    """Return the fidelity at which pneumatic models are set beside each other."""
+    rods = [each for each in grid if each.tier == "rod" and each.strains == ("bend",)]
+    return min(rods or grid, key=lambda each: (each.modes, -each.sub_step_s))
+
+
+def _cpu_ms_per_s(case: Case, fidelity: Fidelity, gripper: Gripper) -> float:
+    try:
+        return run(case, fidelity, gripper).cpu_ms_per_s
+    except PlantDivergedError:
+        return math.nan
+
+
+def _cost_model(trade: Trade, times: Mapping[tuple[str, Fidelity], float]) -> Cost:
+    lines: dict[tuple[str, str, int, int], dict[int, CostLine]] = {}
+    added: dict[tuple[str, str], float] = {}
+    for kind in trade.representatives():
+        own = {each: value for (of, each), value in times.items() if of == kind and math.isfinite(value)}
+        exact = {each: value for each, value in own.items() if each.pneumatics == REFERENCE_PNEUMATICS}
+        by_muscle: dict[tuple[str, int, int], dict[int, dict[float, float]]] = {}
+        for each, value in exact.items():
+            muscle = each.tier, each.twist_modes, each.stretch_modes
+            by_muscle.setdefault(muscle, {}).setdefault(each.modes, {})[each.sub_step_s] = value
+        for muscle, measured in by_muscle.items():
+            lines[(kind, *muscle)] = cost_lines(measured)
+        cheap = _cheapest(exact)
+        for each, value in own.items():
+            if each.pneumatics != REFERENCE_PNEUMATICS:
+                added[kind, str(each.pneumatics)] = value - exact[cheap]
+
+    def cost(kind: str, each: Fidelity) -> float:
+        line = lines[kind, each.tier, each.twist_modes, each.stretch_modes][each.modes]
+        least = 0.1 * line.cpu_ms_per_s(each.sub_step_s)
+        return max(line.cpu_ms_per_s(each.sub_step_s) + added.get((kind, str(each.pneumatics)), 0.0), least)
+
+    return cost
+
+
+def table_rows(
+    trade: Trade, rows: Mapping[str, dict], cost: Cost
+) -> tuple[list[Measured], dict[str, dict[str, float]]]:
+    """Return the rows of the table and the checks of the references; a fidelity that diverges has no row."""
+    found: list[Measured] = []
     checks: dict[str, dict[str, float]] = {case.name: {} for case in trade.cases}
-    for case in trade.cases:
-        for fidelity in trade.fidelities(case):
-            found = [
-                results.rows[name]
-                for name, each in runs.items()
-                if each.case is case and each.fidelity == fidelity and name in results.rows
-            ]
-            if found:
-                rows.append(_row(case, fidelity, found))
-                for what, value in found[0]["check"].items():
-                    checks[case.name][what] = max(value, checks[case.name].get(what, 0.0))
-    return rows, {name: check for name, check in checks.items() if check}
+    for name, (case, fidelity) in trade.runs().items():
+        if name in rows:
+            found.append(_row(case, fidelity, rows[name], cost(kind_of_case(case), fidelity)))
+            for what, value in rows[name]["check"].items():
+                checks[case.name][what] = max(value, checks[case.name].get(what, 0.0))
+    return found, {name: check for name, check in checks.items() if check}
 
 
 def row_values(row: Measured) -> dict[str, str | float]:
@@ -217,15 +334,18 @@ def _reference_name(each: Run) -> str:
 
 
 def _text(row: dict) -> str:
-    return f"{row['job']}: {_errors(row)}, {row['cpu_ms_per_s']:.0f} ms/s"
+    if "strains" not in row:
+        return f"{row['job']}: {_errors(row)}"
+    strains = ", ".join(row["strains"])
+    return f"{row['job']}: {row['kind']}, {strains}, decided to {row['undecided_pct']:.2g} %"
 
 
 def _errors(row: dict) -> Errors:
     return Errors(**{field.name: row[field.name] for field in dataclasses.fields(Errors)})
 
 
-def _row(case: Case, fidelity: Fidelity, runs: Sequence[dict]) -> Measured:
-    off = _errors(runs[-1])
+def _row(case: Case, fidelity: Fidelity, found: dict, cpu_ms_per_s: float) -> Measured:
+    off = _errors(found)
     return Measured(
         scene=case.name,
         tier=fidelity.tier,
@@ -235,7 +355,7 @@ def _row(case: Case, fidelity: Fidelity, runs: Sequence[dict]) -> Measured:
         static_error_pct=off.static_pct,
         transient_error_pct=off.transient_pct,
         pressure_error_pct=off.pressure_pct,
-        cpu_ms_per_s=statistics.median(each["cpu_ms_per_s"] for each in runs),
+        cpu_ms_per_s=cpu_ms_per_s,
         contact_force_error_pct=off.contact_force_pct,
         twist_modes=fidelity.twist_modes,
         stretch_modes=fidelity.stretch_modes,

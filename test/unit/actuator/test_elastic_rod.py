@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.elastic_rod import (
     HANGING,
-    STRAINS,
     RodLoads,
     RodSection,
     rod_at_rest,
@@ -19,6 +18,7 @@ from mbpam_ros.actuator.elastic_rod import (
 )
 from mbpam_ros.actuator.planar_rod import AxisStretch, RodSolutionError, rod_tip_angle
 from mbpam_ros.actuator.rod_law import RodLaw, StrainLaw, StrainLawError, finite_element_rod_law
+from mbpam_ros.actuator.strains import STRAINS
 
 GEOMETRY = MuscleGeometry(outer_radius_m=0.01, end_length_m=0.015, active_length_m=0.1, mass_per_length_kg_m=0.162)
 ACTIVE, END = GEOMETRY.active_length_m, GEOMETRY.end_length_m
@@ -232,7 +232,7 @@ def synthetic_law():
 def test_strains_that_are_left_out_are_none_and_unknown_ones_are_refused():
     law, pressure = synthetic_law(), [1e5, 0.0, 0.0, 1e5]
     full, stiff = rod_section(law, pressure, STRAINS), rod_section(law, pressure, ("bend",))
-    assert stiff[3:] == (0.0,) * 7
+    assert stiff[3:] == (0.0,) * 8
     assert full[:3] == stiff[:3]
     assert rod_section(law, pressure, ("bend", "twist")) == full._replace(
         free_stretch=0.0, slope_x_m=0.0, slope_y_m=0.0, axial_compliance_per_n=0.0
@@ -252,12 +252,12 @@ def test_strains_that_are_left_out_are_none_and_unknown_ones_are_refused():
 def test_the_curve_of_the_law_is_its_departure_from_the_line_along_and_across_the_moment():
     law, pressure = finite_element_rod_law(), [1e5, 5e4, 0.0, 0.0]
     line, curve = (rod_section(law, pressure, STRAINS, bending) for bending in ("line", "curve"))
-    assert curve[:8] == line[:8] and line[8:] == (0.0, 0.0)
+    assert curve[:8] == line[:8] and line[8:] == (0.0, 0.0, 0.0)
     of, (moment, _) = law.bend_curve(pressure), law.moment_and_stiffness(pressure)
     assert curve.stiffening_n_m3 == pytest.approx(of.stiffening_n_m3 @ moment / np.hypot(*moment))
     assert curve.side_n_m2 == of.side_n_m2
     balanced = rod_section(law, [1e5, 0.0, 1e5, 0.0], STRAINS, "curve")
-    assert balanced[8:] == (0.0, 0.0)
+    assert balanced[8:] == (0.0, 0.0, 0.0)
     with pytest.raises(ValueError, match="'arc'; known: line, curve"):
         rod_section(law, pressure, STRAINS, "arc")
     with pytest.raises(StrainLawError, match="side_bend_stiffness_n_mm2"):

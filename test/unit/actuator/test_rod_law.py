@@ -148,13 +148,28 @@ def test_a_law_with_two_stiffnesses_without_pressure_is_refused():
         table_law([1.0, 2.0], [1.1, 2.0])
 
 
-def test_a_law_whose_blend_would_lose_its_stiffness_is_refused():
-    """With the diagonals loaded unevenly two chambers act along M0 and two across: B0 + 2 d_S + 2 d_P at the worst."""
-    table_law([1.0, 0.8], [1.0, 0.6])
+def test_a_law_that_loses_its_stiffness_is_refused():
+    table_law([1.0, 0.4], [1.0, 0.3])
     with pytest.raises(ValueError, match="positive"):
-        table_law([1.0, 0.4], [1.0, 0.45])
+        table_law([1.0, 0.0], [1.0, 0.45])
     with pytest.raises(ValueError, match="positive"):
-        table_law([1.0, 2.0], [1.0, 1.4])
+        table_law([1.0, 2.0], [1.0, -0.1])
+    with pytest.raises(ValueError, match="positive"):
+        table_law([1.0, 2.0], [1.0, 1.4], psc_side_stiffness_n_m2=np.array([1.0, 0.0]))
+    with pytest.raises(ValueError, match="same in all directions"):
+        table_law([1.0, 2.0], [1.0, 1.4], psc_side_stiffness_n_m2=np.array([1.1, 1.0]))
+
+
+def test_what_chambers_add_to_the_logarithm_of_the_stiffness_is_summed():
+    """In units of B0: PSC 2 along and 1.5 across, PDC 4.5, which is 1.5 more than the two chambers have."""
+    law = table_law([1.0, 2.0], [1.0, 4.5], psc_side_stiffness_n_m2=np.array([1.0, 1.5]))
+    for chambers, expected in (
+        ([1, 0, 0, 0], 2.0),
+        ([1, 0, 0, 1], 4.5),
+        ([1, 0, 1, 0], 3.0),
+        ([1, 1, 1, 1], 3.0**2 * 1.5**4),
+    ):
+        assert law.moment_and_stiffness(1e5 * np.array(chambers))[1] == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_law_with_a_moment_without_pressure_is_refused():

@@ -59,6 +59,17 @@ def test_what_is_no_verb_or_argument_is_refused_in_one_line(arguments, said, cap
     assert told.startswith(said) and told.count("\n") == 1
 
 
+@pytest.mark.parametrize("verb", ["peers", "costs", "bench"])
+@pytest.mark.parametrize("argument", [["--workers", "4"], ["--dask", "local"]])
+def test_what_measures_time_says_why_it_is_not_spread(verb, argument, capsys):
+    pytest.importorskip("psutil" if verb == "bench" else "numpy")
+    with pytest.raises(SystemExit) as ended:
+        main([verb, *argument])
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"mbpam {verb}: {argument[0]}: this verb measures time") and told.count("\n") == 1
+
+
 def test_what_a_verb_refuses_is_said_in_one_line_with_status_1():
     ended = run("plan", "piano")
     assert (ended.returncode, ended.stdout) == (1, "")

@@ -13,12 +13,18 @@ LYING = np.array([-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # body z along world 
 LEVEL = np.eye(3)
 
 
-def lowest(shape, size, centre, rotation=LEVEL, foot=(np.inf, np.inf)):
-    points = np.empty((REST_POINTS, 3))
+def rests(shape, size, centre, rotation=LEVEL, foot=(np.inf, np.inf)):
+    """Places, numbers and shares of the rest points."""
+    points = np.empty((REST_POINTS, 5))
     count = rest_points(
         shape, 0.5 * np.array(size), np.array(centre, dtype=float), np.array(rotation, dtype=float), *foot, points
     )
+    assert (np.diff(points[:count, 3]) > 0.0).all()  # springs are found again by it
     return points[:count]
+
+
+def lowest(*arguments, **keywords):
+    return rests(*arguments, **keywords)[:, :3]
 
 
 @pytest.mark.parametrize("shape", SIZES)
@@ -99,3 +105,27 @@ def test_a_box_rests_on_the_corners_of_what_it_and_the_stand_share(foot):
 
 def test_a_box_beside_the_stand_does_not_rest_on_it():
     assert len(lowest(BOX, SIZES["box"], [0.1, 0.0, 0.05], foot=(0.01, 0.03))) == 0
+
+
+def tilted(angle, azimuth, yaw=0.0):
+    """A turn about the vertical, then a tilt about a level axis."""
+    axis = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return (np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross) @ turn
+
+
+@pytest.mark.parametrize("foot", [(np.inf, np.inf), (0.008, 0.03)])
+@pytest.mark.parametrize(("shape", "size"), [("cylinder", (0.035, 0.035, 0.1)), ("box", (0.035, 0.06, 0.1))])
+def test_what_holds_a_solid_up_is_continuous_in_its_tilt(shape, size, foot):
+    """Push and moments of a plane 1 mm above the lowest point, from upright to lying, by steps of 0.05 deg."""
+    wrenches = []
+    for angle in np.radians(np.arange(-0.5, 90.0, 0.05)):
+        points = rests(SHAPE_CODES[shape], size, np.zeros(3), tilted(angle, 0.3, 0.2), foot)
+        push = points[:, 4] * np.maximum(points[:, 2] - points[:, 2].max() + 1e-3, 0.0)
+        wrenches.append([push.sum(), *(push @ points[:, :2] / 0.02)])
+    wrenches = np.array(wrenches)
+    assert wrenches[:, 0].min() > 3e-4
+    # A point moves by 50 um a step, four of them press.
+    assert np.abs(np.diff(wrenches, axis=0)).max() < 3e-4

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mbpam_ros.nodes.command_line import rules_of_node
+from mbpam_ros.nodes.command_line import CALLED, answer, rules_of_node
 
 LINE = ["bringup", "--ros-args", "-r", "__ns:=/right", "-p", "plant:scene:=c:/tomato.yaml", "--param", "plant:seed:=3"]
 
@@ -19,3 +19,12 @@ LINE = ["bringup", "--ros-args", "-r", "__ns:=/right", "-p", "plant:scene:=c:/to
 )
 def test_parameters_with_a_node_s_prefix_are_that_node_s_own(arguments, rules):
     assert rules_of_node(arguments, "plant") == rules
+
+
+def test_help_calls_the_executable_what_the_user_typed(monkeypatch, capsys):
+    monkeypatch.setenv(CALLED, "ros2 run mbpam_ros plant")
+    assert answer(["/opt/ws/bin/mbpam_plant", "-p", "scene:=tomato"], []) == 2
+    assert "; ROS arguments follow --ros-args: ros2 run mbpam_ros plant --ros-args" in capsys.readouterr().err
+    monkeypatch.delenv(CALLED)
+    assert answer(["/opt/ws/bin/mbpam_plant", "tomato"], []) == 2
+    assert "see mbpam_plant -h" in capsys.readouterr().err

@@ -1,5 +1,6 @@
 """While a node is built: a stop signal ends it although C code runs, and what is compiled is announced once."""
 
+import gc
 import signal
 import subprocess
 import sys
@@ -7,7 +8,7 @@ import sys
 import pytest
 from numba import njit
 
-from mbpam_ros.nodes.compiling import compilation_announced
+from mbpam_ros.nodes.compiling import compilation_announced, garbage_collected_seldom
 
 IN_C_CODE_FOR_A_MINUTE = """
 import ctypes, signal
@@ -69,3 +70,11 @@ def test_nothing_is_said_where_nothing_is_compiled():
     with compilation_announced(said.append):
         thrice(2)
     assert said == []
+
+
+def test_garbage_is_collected_as_before_once_all_is_compiled():
+    before = gc.get_threshold()
+    with pytest.raises(ZeroDivisionError), garbage_collected_seldom():
+        assert gc.get_threshold()[0] > before[0]
+        raise ZeroDivisionError
+    assert gc.get_threshold() == before

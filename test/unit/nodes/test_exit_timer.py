@@ -11,11 +11,12 @@ with exits_after(0.2, {code}):
     ctypes.PyDLL(None).sleep(30)  # PyDLL keeps the interpreter locked meanwhile
 """
 DONE = """
-import time
+import signal
 from mbpam_ros.nodes.exit_timer import exits_after
 with exits_after(0.2, 3):
     print("printed before")
-time.sleep(0.4)
+with exits_after(0.4, 5):
+    signal.pause()  # until the second timer; the first would have been sooner
 """
 
 
@@ -34,5 +35,5 @@ def test_a_process_held_by_c_code_ends_with_the_given_code():
 
 def test_a_block_that_ends_in_time_is_left_alone():
     ended, _ = run(DONE)
-    assert ended.returncode == 0, ended.stderr
+    assert ended.returncode == 5, ended.stderr
     assert ended.stdout == "printed before\n"

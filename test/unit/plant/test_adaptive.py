@@ -122,4 +122,4 @@ def test_a_reset_gives_the_same_bits_again():
 @pytest.mark.parametrize(("name", "tier"), [("empty", "rod"), ("bulb", "arc")])
 def test_modes_of_the_air_are_refused_where_they_mean_nothing(name, tier):
     with pytest.raises(TierError, match="air_modes"):
-        plant_of(name, tier)
+        plant_of(name, tier, air_modes=1)

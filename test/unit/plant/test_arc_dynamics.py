@@ -49,7 +49,7 @@ def advance(arc, before, after, duration_s, step_s):
 def energy(arc, moment):
     """Kinetic and total energy of the first muscle, zero at rest and straight."""
     rod, motion, state = arc._parts.system.rod, arc._motion, arc.state()
-    speed = motion.slope[0, 1:] @ state.bend_rate_rad_s[0]
+    speed = motion.of(0).slope[1:] @ state.bend_rate_rad_s[0]
     kinetic = 0.5 * np.sum((rod.inertia @ speed) ** 2)
     bend = state.bend_rad[0]
     return kinetic, kinetic + 0.5 * SPRING * bend @ bend - moment @ bend + gravity_energy_j(bend, GEOMETRY)

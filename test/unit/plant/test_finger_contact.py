@@ -46,7 +46,7 @@ def opposite(strength_n_m):
 
 def ball_centres(tier):
     """Of the swept spheres, shape (4, n, 3)."""
-    return tier._parts.system.rod.balls @ tier._motion.tangent + BASES[:, None]
+    return tier._parts.system.rod.balls @ np.moveaxis(tier._motion.tangent, -1, 0) + BASES[:, None]
 
 
 def distance_m(tier, one, other):
@@ -129,10 +129,14 @@ def test_mirrored_moments_give_the_mirrored_motion(duration_s):
 
 
 def test_fingers_pressed_on_each_other_converge_with_the_step():
+    """To the first order below 0.5 ms; above it the errors grow more slowly."""
     moment = 0.035 * INWARD + [[0.004, 0.0], [0.0, 0.002], [-0.003, 0.001], [0.0, 0.0]]
-    fine, middle, coarse = (pressed("rod", 3, moment, h, 0.1).state().centreline_m for h in (2.5e-4, 1e-3, 2e-3))
-    assert np.abs(middle - fine).max() < 0.7 * np.abs(coarse - fine).max()
-    assert np.abs(middle - fine).max() < 5e-4
+    reference, *ends = (
+        pressed("rod", 3, moment, h, 0.1).state().centreline_m for h in (1.25e-4, 2.5e-4, 5e-4, 1e-3, 2e-3)
+    )
+    errors = [np.abs(end - reference).max() for end in ends]
+    assert errors[0] < 0.45 * errors[1]
+    assert max(errors) < 3e-4
 
 
 @pytest.mark.parametrize("body", [None, BULB], ids=["free", "object"])

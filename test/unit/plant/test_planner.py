@@ -1,6 +1,8 @@
 """The planner on a table whose numbers are plain to see, and a plant that is built from a plan."""
 
 import dataclasses
+import json
+import os
 
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ from mbpam_ros.plant.planner import (
     PlanError,
     cases_of,
     choose_fidelity,
+    kinds_of,
     may_touch,
     plan,
 )
@@ -71,7 +74,7 @@ def measured(fidelity):
     return fidelity.tier, fidelity.modes, fidelity.sub_step_s, fidelity.pneumatics
 
 
-ALL = ("bend", "twist", "stretch")
+ALL = ("bend", "stretch", "twist")
 MODEL_ERRORS = (
     ModelError(("bend",), 10.0, 14.0),
     ModelError(("bend", "stretch"), 1.0, 12.0),
@@ -246,17 +249,92 @@ def test_the_plan_says_for_each_part_what_else_there_was():
     assert "within the tolerance" in text
 
 
+# Promises over kinds of scenes, and scenes unlike those they are made from
+
+
+def promising(ranges=None):
+    """The table with its grasps as promises, for which the worst case of a kind stands."""
+    rows = [
+        Measured(kind, *how, static, transient, 0.0, cost, force)
+        for kind, numbers in (("air", AIR), *((kind, GRASP) for kind in GRASP_CASES))
+        for how, (static, transient, force, cost) in numbers.items()
+    ]
+    return dataclasses.replace(table(), rows=(), promises=tuple(rows), ranges=ranges or {})
+
+
+RANGES = {"sphere": {"diameter [mm]": (50.0, 70.0), "friction": (0.1, 0.5), "pressure [kPa]": (60.0, 100.0)}}
+ONE_PCT = FidelityRequest(tolerance=Tolerance(1.0, 1.0, 2.0))
+
+
+def test_promises_are_planned_with_like_cases():
+    for scene in (EMPTY, BULB):
+        assert plan(scene, LENGTH_M, promising(), ONE_PCT).expected == planned(scene, 1.0).expected
+
+
+def test_a_scene_like_those_that_were_measured_is_not_warned_of():
+    scene = dataclasses.replace(BULB, friction_coefficient=0.3)
+    assert plan(scene, LENGTH_M, promising(RANGES), ONE_PCT, pressure_gauge_pa=80e3).warnings == ()
+
+
+def test_a_scene_unlike_all_of_them_is_warned_of_and_its_errors_are_taken_to_be_larger():
+    scene = dataclasses.replace(BULB, friction_coefficient=0.7)
+    found = plan(scene, LENGTH_M, promising(RANGES), ONE_PCT, pressure_gauge_pa=120e3)
+    assert "friction 0.7, measured from 0.1 to 0.5" in str(found)
+    assert "pressure 120, measured from 60 to 100 kPa" in str(found)
+    assert "2 times as large" in str(found) and "--measure" in str(found)
+    plain = planned(BULB, 1.0, modes=found.fidelity.modes, sub_step_s=0.002, pneumatics="iso6358")
+    assert found.expected.static_pct == pytest.approx(2.0 * plain.expected.static_pct)
+
+
+def test_fewer_modes_in_the_air_are_never_more_than_in_contact():
+    """Though three modes in the air were measured to be cheaper than two."""
+    cheap = [dataclasses.replace(row, cpu_ms_per_s=1.0) for row in table().rows if row.modes == 3]
+    rows = [row for row in table().rows if row.modes != 3]
+    strange = dataclasses.replace(table(), rows=(*rows, *cheap))
+    found = plan(BULB, LENGTH_M, strange, dataclasses.replace(ONE_PCT, modes=2))
+    assert (found.fidelity.air_modes or 2) <= found.fidelity.modes == 2
+    with pytest.raises(ValueError, match="air_modes must not be above modes, found 4 and 2"):
+        FidelityRequest("rod", 0.002, modes=2, air_modes=4)
+    with pytest.raises(PlanError, match="air_modes 4 are more than the modes in contact, 2"):
+        plan(BULB, LENGTH_M, table(), dataclasses.replace(ONE_PCT, air_modes=4))
+
+
+def test_where_the_model_alone_is_beyond_the_tolerance_no_nearer_solution_is_paid_for():
+    request = FidelityRequest(tolerance=Tolerance(1.0, 1.0, 20.0))
+    found = plan(BULB, LENGTH_M, with_strains(), request)
+    assert not found.within_tolerance
+    assert found.fidelity.strains == ALL and found.fidelity.modes == 2
+    assert "a nearer solution would not help" in str(found)
+
+
+def test_where_nothing_holds_of_those_about_as_near_the_cheapest_is_taken():
+    twin = [dataclasses.replace(row, modes=4, cpu_ms_per_s=70.0) for row in table().rows if row.modes == 3]
+    found = plan(BULB, LENGTH_M, table(extra=twin), FidelityRequest(tolerance=Tolerance(0.01, 0.01, 0.01)))
+    assert found.fidelity.modes == 4
+
+
 # The shipped table and scene files
 
 
 def test_every_shipped_scene_has_a_plan_from_the_shipped_table():
+    shipped = load_fidelity_table()
     for name in scene_names():
         scene, _ = load_scene(name)
-        found = plan(scene, LENGTH_M, load_fidelity_table(), FidelityRequest())
-        cases = cases_of(scene, may_touch(scene, LENGTH_M))
+        found = plan(scene, LENGTH_M, shipped, FidelityRequest())
+        contact = may_touch(scene, LENGTH_M)
+        stand_for_it = kinds_of(scene, contact) if shipped.promises else cases_of(scene, contact)
         assert measured(found.fidelity) in {
-            measured(row.fidelity) for row in load_fidelity_table().rows if row.scene in cases
+            measured(row.fidelity) for row in shipped.judging if row.scene in stand_for_it
         }
+
+
+def test_a_table_is_read_anew_when_its_file_changes(tmp_path):
+    path = tmp_path / "table.json"
+    empty = {"rows": [], "reference": {}, "machine": {}, "versions": {}}
+    for processor in ("one", "another"):
+        path.write_text(json.dumps(empty | {"machine": {"processor": processor}}))
+        os.utime(path, ns=(0, len(processor)))
+        assert load_fidelity_table(path).machine["processor"] == processor
 
 
 def test_the_shipped_reference_is_that_of_the_boundary_value_problem():

@@ -1,6 +1,7 @@
 """Tier ``rod`` against an independent boundary-value solution, conserved energy, symmetry and its own refinement."""
 
 import dataclasses
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -132,25 +133,48 @@ def test_free_muscles_converge_with_the_square_of_the_step():
 
 
 def test_a_grasp_converges_with_the_step():
+    """To the first order below 0.5 ms (a third is what is left of it at half the step), and to 1 % at 1 ms."""
     ends = {}
-    for h in (2.5e-4, 1e-3, 2e-3):
+    for h in (1.25e-4, 2.5e-4, 5e-4, 1e-3):
         rod = tier(3, h, body=BULB, planes=TABLE)
         ends[h] = advance(rod, actuation([0.0, 0.0]), actuation(0.03 * INWARD), 0.4, h).finger_force_n
-    fine, coarse = (np.abs(ends[h] - ends[2.5e-4]).max() for h in (1e-3, 2e-3))
-    assert np.abs(ends[2.5e-4]).max() > 0.05
-    assert fine < 0.7 * coarse
-    assert fine < 0.02 * np.abs(ends[2.5e-4]).max()
+    fine, coarse, coarsest = (np.abs(ends[h] - ends[1.25e-4]).max() for h in (2.5e-4, 5e-4, 1e-3))
+    assert np.abs(ends[1.25e-4]).max() > 0.05
+    assert fine < 0.45 * coarse
+    assert coarsest < 0.01 * np.abs(ends[1.25e-4]).max()
 
 
 def energy(rod, moment):
     """Kinetic and total energy of each muscle, shape (4,); the potential is zero straight."""
     parts, motion, size = rod._parts.system.rod, rod._motion, rod._coordinates // 4
     q, rate = (part[: 4 * size].reshape(4, size) for part in rod._parts.state[:2])
-    speed = np.einsum("rk,fkij,fj->fri", parts.inertia, motion.slope[:, 1:], rate)
+    speed = np.einsum("rk,kijf,fj->fri", parts.inertia, motion.slope[1:], rate)
     kinetic = 0.5 * (speed**2).sum(axis=(1, 2))
     stiffness = STIFFNESS / GEOMETRY.active_length_m / (2.0 * (np.arange(size) // 2) + 1.0)
     elastic = 0.5 * (stiffness * q**2).sum(axis=1) - (moment * q[:, :2]).sum(axis=1)
-    return kinetic, kinetic + elastic + 9.81 * (1.0 - motion.tangent[:, 1:, 2]) @ parts.levers
+    return kinetic, kinetic + elastic + 9.81 * parts.levers @ (1.0 - motion.tangent[1:, 2])
+
+
+def test_other_threads_run_while_steps_are_taken():
+    rod, still = tier(3, 1e-3), np.zeros(100_001)
+    with ThreadPoolExecutor(1) as executor:
+        steps = executor.submit(rod.step, actuation(MOMENTS), still, still)
+        seen = set()
+        while not steps.done():
+            seen.add(float(rod._parts.state.shape[0]))
+    steps.result()
+    assert len(seen) > 20  # were the lock held, there would be what was before and what is after
+
+
+def test_a_refused_step_leaves_the_muscles_and_what_drives_them_as_they_were():
+    rod, still = tier(2, 5e-3), np.zeros(11)
+    rod.step(actuation(MOMENTS), still, still)
+    parts = rod._parts
+    before = [part.copy() for part in (*parts.state, *parts.drive)]
+    with pytest.raises(PlantDivergedError):
+        rod.step(actuation(100.0 * MOMENTS), still, still)
+    for part, values in zip((*parts.state, *parts.drive), before, strict=True):
+        np.testing.assert_array_equal(part, values)
 
 
 PUSH = np.array([[0.02, 0.0], [0.0, 0.015], [0.01, -0.01], [-0.015, 0.005]])

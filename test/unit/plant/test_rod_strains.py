@@ -12,6 +12,7 @@ from mbpam_ros.actuator.rod_law import StrainLaw
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import Fidelity
+from mbpam_ros.plant.mechanics.lanes import WIDTH
 from mbpam_ros.plant.mechanics.rod import build_rod, masses_and_loads, motion_at_rest, move_rods, room_for_loads
 from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, PlantDivergedError, TierError, TierSetup
 from mbpam_ros.plant.tiers.registry import build_tier
@@ -127,13 +128,13 @@ def frequencies(modes, twist, stretch):
     """Angular frequencies of small motion of the straight muscle in space, rising."""
     rod = build_rod(GEOMETRY, modes, max(4, modes + 2), 2, twist, stretch)
     size = 2 * modes + twist + stretch
-    motion, mass, load = motion_at_rest(rod, 1), np.empty((1, size, size)), np.empty((1, size))
-    move_rods(np.zeros((1, size)), np.zeros((1, size)), rod, motion)
+    motion, mass, load = motion_at_rest(rod), np.empty((size, size, WIDTH)), np.empty((size, WIDTH))
+    move_rods(np.zeros((size, WIDTH)), np.zeros((size, WIDTH)), rod, motion)
     masses_and_loads(rod, motion, (0.0, 0.0, 0.0), room_for_loads(rod), mass, load)
     springs = np.concatenate(
         [BENDING * np.repeat(rod.springs[:modes], 2), TORSION * rod.springs[:twist], AXIAL * rod.stretch_springs]
     )
-    return np.sqrt(eigh(np.diag(springs), mass[0], eigvals_only=True))
+    return np.sqrt(eigh(np.diag(springs), mass[..., 0], eigvals_only=True))
 
 
 def bar_frequency(stiffness, inertia_per_length):
@@ -157,12 +158,12 @@ def energy_j(rod):
     parts = rod._parts
     shape, speed = (part[: rod._coordinates].reshape(4, -1) for part in parts.state[:2])
     system, drive, mechanics = parts.system, parts.drive, parts.system.rod
-    motion, size = motion_at_rest(mechanics, 4), shape.shape[1]
-    mass, load = np.empty((4, size, size)), np.empty((4, size))
-    move_rods(np.ascontiguousarray(shape), np.ascontiguousarray(speed), mechanics, motion)
+    motion, size = motion_at_rest(mechanics), shape.shape[1]
+    mass, load = np.empty((size, size, WIDTH)), np.empty((size, WIDTH))
+    move_rods(np.ascontiguousarray(shape.T), np.ascontiguousarray(speed.T), mechanics, motion)
     masses_and_loads(mechanics, motion, tuple(system.gravity), room_for_loads(mechanics), mass, load)
-    total = 0.5 * np.einsum("fi,fij,fj->", speed, mass, speed)
-    total -= np.einsum("k,fki,i->", mechanics.levers, motion.tangent[:, 1:], system.gravity)
+    total = 0.5 * np.einsum("fi,ijf,fj->", speed, mass, speed)
+    total -= np.einsum("k,kif,i->", mechanics.levers, motion.tangent[1:], system.gravity)
     bend, twist, stretch = rod.by_strain(shape)
     modes = bend.shape[1] // 2
     q = bend.reshape(4, modes, 2)

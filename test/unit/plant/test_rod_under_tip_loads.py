@@ -6,6 +6,8 @@ from scipy.optimize import root
 
 from mbpam_ros.actuator.elastic_rod import RodLoads, RodSection, rod_at_rest
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.mechanics.kernel import entry
+from mbpam_ros.plant.mechanics.lanes import WIDTH
 from mbpam_ros.plant.mechanics.rod import (
     build_rod,
     coordinates_of,
@@ -27,6 +29,9 @@ LOADS = [
 ] + [RodLoads((0.0, 0.0, 0.0), 0.0, UPRIGHT), RodLoads((0.0, 0.05, 0.0), 0.0, (0.0, 0.0, 0.0))]
 
 
+move, weigh = entry(move_rods.py_func), entry(masses_and_loads.py_func)
+
+
 class PlantRod:
     """One muscle of the plant, at rest under a dead force on its tip."""
 
@@ -34,8 +39,8 @@ class PlantRod:
         segments = max(4, modes + 2)
         self.rod = build_rod(GEOMETRY, modes, segments, 2, twist, stretch)
         self.size, self.ends = coordinates_of(self.rod), [2 * modes, 2 * modes + twist]
-        self.motion, self.room = motion_at_rest(self.rod, 1), room_for_loads(self.rod)
-        self.mass, self.load = np.empty((1, self.size, self.size)), np.empty((1, self.size))
+        self.motion, self.room = motion_at_rest(self.rod), room_for_loads(self.rod)
+        self.mass, self.load = np.empty((self.size, self.size, WIDTH)), np.empty((self.size, WIDTH))
         self.tip = position_weights(GEOMETRY, segments, [GEOMETRY.length_m], stretch > 0)[0]
 
     def elastic_load(self, q, section):
@@ -53,11 +58,11 @@ class PlantRod:
         return np.concatenate([on_bend.ravel(), on_twist, on_stretch])
 
     def out_of_balance(self, q, section, loads, share):
-        move_rods(q[None], np.zeros((1, self.size)), self.rod, self.motion)
+        move(np.repeat(q[:, None], WIDTH, axis=1), np.zeros((self.size, WIDTH)), self.rod, self.motion)
         gravity = tuple(share * np.array(loads.gravity_m_s2))
-        masses_and_loads(self.rod, self.motion, gravity, self.room, self.mass, self.load)
-        at_tip = share * np.einsum("k,kij,i->j", self.tip, self.motion.slope[0], loads.tip_force_n)
-        return self.load[0] + at_tip + self.elastic_load(q, section)
+        weigh(self.rod, self.motion, gravity, self.room, self.mass, self.load)
+        at_tip = share * np.einsum("k,kij,i->j", self.tip, self.motion.of(0).slope, loads.tip_force_n)
+        return self.load[:, 0] + at_tip + self.elastic_load(q, section)
 
     def tip_m(self, section, loads):
         q = np.zeros(self.size)
@@ -65,8 +70,8 @@ class PlantRod:
             found = root(self.out_of_balance, q, (section, loads, share), tol=1e-12)
             assert np.abs(found.fun).max() < 1e-9
             q = found.x
-        move_rods(q[None], np.zeros((1, self.size)), self.rod, self.motion)
-        return self.tip @ self.motion.tangent[0]
+        move(np.repeat(q[:, None], WIDTH, axis=1), np.zeros((self.size, WIDTH)), self.rod, self.motion)
+        return self.tip @ self.motion.of(0).tangent
 
 
 @pytest.mark.parametrize("loads", LOADS)

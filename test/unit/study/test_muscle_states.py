@@ -4,9 +4,10 @@ import math
 import numpy as np
 import pytest
 
-from mbpam_ros.actuator.elastic_rod import STRAINS, RodLoads, rod_at_rest, rod_section
+from mbpam_ros.actuator.elastic_rod import RodLoads, rod_at_rest, rod_section
 from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.actuator.rod_law import RodLaw, StrainLaw
+from mbpam_ros.actuator.strains import STRAINS
 from mbpam_ros.commands.mbpam import main
 from mbpam_ros.configuration import config_path
 from mbpam_ros.gripper import load_gripper

@@ -9,6 +9,7 @@ from numba import njit
 from numba.core.errors import TypingError
 
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.mechanics.lanes import WIDTH
 from mbpam_ros.plant.mechanics.packed_arguments import NEWEST_NUMBA, OLDEST_NUMBA, access, new_block, packs
 from mbpam_ros.plant.mechanics.rod import (
     Motion,
@@ -90,10 +91,10 @@ class Muscle(NamedTuple):
 
 
 def muscle():
-    shape = np.array([[0.5, -1.0, 0.2, 0.3], [1.5, 0.1, -0.4, 0.2]])
+    shape = np.array([[0.5, -1.0, 0.2, 0.3], [1.5, 0.1, -0.4, 0.2], [0.0, 0.3, 0.2, 0.0], [-0.1, 0.1, 0.4, 0.7]])
     rod = build_rod(load_gripper().geometry, 2, 4, 2)
-    motion = motion_at_rest(rod, 2)
-    return Muscle(shape, 3.0 * shape, rod, motion, room_for_loads(rod), np.zeros((2, 4, 4)), np.zeros((2, 4)))
+    motion = motion_at_rest(rod)
+    return Muscle(shape, 3.0 * shape, rod, motion, room_for_loads(rod), np.zeros((4, 4, WIDTH)), np.zeros((4, WIDTH)))
 
 
 def moved(packed):

@@ -206,3 +206,23 @@ def test_the_same_design_twice_is_refused_in_one_line(tmp_path, capsys):
     assert main(["metamodels", "--training", write_csv(tmp_path / "twice.csv", twice)]) == 1
     said = capsys.readouterr().err
     assert "samples 6 and 22 have the same design" in said and said.count("\n") == 1
+
+
+def test_a_comparison_goes_on_from_what_its_file_holds(tmp_path, monkeypatch, capsys):
+    path, kept_in = tmp_path / "table.json", tmp_path / "table_runs.json"
+    command = ["metamodels", "--json", str(path), "--picture", str(tmp_path / "table.png")]
+    pytest.importorskip("matplotlib")
+    assert main(command) == 0
+    whole, said, kept = path.read_text(), capsys.readouterr().out, json.loads(kept_in.read_text())
+    kept["metamodels"] = [row for row in kept["metamodels"] if row["metamodel"] != "PRS"]
+    kept_in.write_text(json.dumps(kept))
+    judge_metamodel, judged_anew = compare_metamodels.judge_metamodel, []
+    monkeypatch.setattr(
+        compare_metamodels, "judge_metamodel", lambda *job: judged_anew.append(job[0]) or judge_metamodel(*job)
+    )
+    assert main(command) == 0
+    assert judged_anew == ["prs"]
+    before, after = json.loads(whole), json.loads(path.read_text())
+    assert before.pop("PRS")["f_max"]["rmse"] == after.pop("PRS")["f_max"]["rmse"]  # its times are others
+    assert after == before
+    assert len(capsys.readouterr().out.splitlines()) == len(said.splitlines())

@@ -14,6 +14,8 @@ from mbpam_ros.study.design.pareto import Front, grid_front
 from mbpam_ros.study.design.responses import fitted_responses, published_responses
 from mbpam_ros.study.design.samples import Samples
 
+NO_GAINS = {"gain_force_at_equal_angle_pct": None, "gain_angle_at_equal_force_pct": None}
+
 pytestmark = pytest.mark.xdist_group("optimise_design")  # what its command writes is computed once
 
 
@@ -120,7 +122,7 @@ def test_a_run_that_covers_too_little_fails_the_command(monkeypatch, capsys, tmp
         return Run(algorithm, seed, 3, truth, 0.9)
 
     monkeypatch.setattr(optimise_design, "optimise", lame)
-    monkeypatch.setattr(optimise_design, "gains_by_metamodel", lambda *_: {})
+    monkeypatch.setattr(optimise_design, "metamodel_gains", lambda *_: NO_GAINS)
     path = tmp_path / "lame.json"
     assert main(["optimise", "--algorithms", "mopso", "--json", str(path)]) == 1
     assert "mopso with seed 0 covers 0.9000" in capsys.readouterr().err
@@ -144,6 +146,23 @@ def test_what_cannot_be_optimised_is_said_in_one_line(arguments, message, tmp_pa
     assert main(["optimise", *quick, *(argument.format(**files) for argument in arguments)]) == 1
     said = capsys.readouterr().err
     assert said.startswith("mbpam optimise: ") and message in said and said.count("\n") == 1
+
+
+def test_an_optimisation_goes_on_from_what_its_file_holds(monkeypatch, tmp_path):
+    monkeypatch.setattr(optimise_design, "metamodel_gains", lambda *_: NO_GAINS)
+    path = tmp_path / "front.json"
+    command = ["optimise", "--algorithms", "mopso", "--seeds", "2", "--json", str(path)]
+    assert main(command) == 0
+    whole, kept = path.read_text(), json.loads((tmp_path / "front_runs.json").read_text())
+    path.unlink()
+    kept["runs"] = [row for row in kept["runs"] if row["job"] != "mopso, seed 1"]
+    (tmp_path / "front_runs.json").write_text(json.dumps(kept))
+    sigma = {key: value for key, value in json.loads(whole)["chosen"].items() if "sigma" in key}
+    monkeypatch.setattr(optimise_design, "sigma_values", lambda *_: sigma)
+    run, run_anew = optimise_design.optimise, []
+    monkeypatch.setattr(optimise_design, "optimise", lambda *wanted: run_anew.append(wanted[2:]) or run(*wanted))
+    assert main(command) == 0
+    assert run_anew == [("mopso", 1)] and path.read_text() == whole
 
 
 @pytest.mark.parametrize(
@@ -183,13 +202,9 @@ def test_beside_a_deviation_stands_whether_it_covers(written):
 
 def test_a_long_command_says_so_before_and_counts_its_jobs(monkeypatch, capsys):
     monkeypatch.setattr(terminal, "PATIENCE_S", 0.01)
-    monkeypatch.setattr(optimise_design, "gains_by_metamodel", lambda *_: {})
+    monkeypatch.setattr(optimise_design, "metamodel_gains", lambda *_: NO_GAINS)
     assert main(["optimise", "--algorithms", "mopso", "--seeds", "2"]) == 0
     said = capsys.readouterr().err.splitlines()
     assert said[0].startswith("2 optimisations, 21 samples: takes about ")
-    assert said[1:] == [
-        "[1/9] front of the grid",
-        "[2/9] mopso, seed 0",
-        "[3/9] mopso, seed 1",
-        "[4/9] deviation by kriging",
-    ]
+    assert said[1:4] == ["front of the grid", "[1/7] mopso, seed 0", "[2/7] mopso, seed 1"]
+    assert said[4:] == [*(f"[{n}/7] gains by {name}" for n, name in enumerate(METAMODELS, 3)), "deviation by kriging"]
