@@ -278,6 +278,10 @@ class ObjectDetector:
             remark,
         )
 
+    def prepare(self, intrinsics: Intrinsics) -> None:
+        """Work out what depends on the camera and the open fingers alone, so that the first frame takes no longer."""
+        self._hidden(self._view(intrinsics), None)
+
     def learn_background(
         self,
         frames: Sequence[NDArray[np.uint8]],

@@ -60,6 +60,7 @@ def judge_scenes(renderer: str, split: Split, seeds: Sequence[int], config: Dete
         rows = []
         for source in SOURCES:
             detector = ObjectDetector(config, scene.assumed_pose, gripper if scene.fingers else None)
+            detector.prepare(scene.intrinsics)
             if source == "background":
                 detector.learn_background(list(photographs.backgrounds), "rgb8", scene.intrinsics, None)
             seen = detector.look(

@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from mbpam_ros.geometry.solids import Shape
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.study.judge.photograph import Photographs
-from mbpam_ros.study.judge.scenes import JudgedScene, Split, Thing
+from mbpam_ros.study.judge.scenes import JudgedScene, Photographs, Split, Thing
 from mbpam_ros.vision.camera import camera_intrinsics, camera_pose, load_camera_config
 from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
 

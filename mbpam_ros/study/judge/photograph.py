@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.study.judge.scenes import TABLES, JudgedScene, Split, Thing
+from mbpam_ros.study.judge.scenes import TABLES, JudgedScene, Photographs, Split, Thing
 from mbpam_ros.study.judge.tables import TEXTURE_SIDE_M, texture
 
 os.environ.setdefault("MUJOCO_GL", "egl")
@@ -29,21 +28,6 @@ _DEPTH_STEP_M = 0.001
 _DEPTH_NOISE_M = 0.0008  # at the palm; grows with the square of the distance, as a stereo sensor's
 _DEPTH_NOISE_PER_M = 0.004
 _HOLE_SHARE = 0.01
-
-
-@dataclass(frozen=True, eq=False)
-class Photographs:
-    """What the detector gets of a scene.
-
-    Args:
-        image: (H, W, 3) rgb8.
-        backgrounds: frames, (n, H, W, 3) rgb8, of the table without the objects, at another exposure and shifted.
-        depth_m: (H, W) float32, along the optical axis; NaN where the sensor has no answer.
-    """
-
-    image: NDArray[np.uint8]
-    backgrounds: NDArray[np.uint8]
-    depth_m: NDArray[np.float32]
 
 
 def photograph(scene: JudgedScene, split: Split) -> Photographs:

@@ -110,6 +110,21 @@ class JudgedScene:
     noise_levels: float
 
 
+@dataclass(frozen=True, eq=False)
+class Photographs:
+    """What the detector gets of a scene.
+
+    Args:
+        image: (H, W, 3) rgb8.
+        backgrounds: frames, (n, H, W, 3) rgb8, of the table without the objects, at another exposure and shifted.
+        depth_m: (H, W) float32, along the optical axis; NaN where the sensor has no answer.
+    """
+
+    image: NDArray[np.uint8]
+    backgrounds: NDArray[np.uint8]
+    depth_m: NDArray[np.float32]
+
+
 def random_scene(seed: int, split: Split, tilt_deg: float = 1.0) -> JudgedScene:
     """Return scene ``seed`` of a set.
 

@@ -197,12 +197,15 @@ def _yaw_error(thing: Thing, found: Detection) -> float:
 
 
 def summary(scores: Sequence[ImageScore], of: Callable[[ObjectScore], bool] = lambda _: True) -> dict[str, float]:
-    """Return the figures of many images, over the objects that ``of`` takes: shares, and errors in mm and degrees."""
+    """Return the figures of many images, over the objects that ``of`` takes: shares, and errors in mm and degrees.
+
+    What is not defined, as errors where nothing was found, is left out.
+    """
     objects = [item for image in scores for item in image.objects if of(item)]
     found = [item for item in objects if item.found]
     if not objects:
         return {"objects": 0}
-    return {
+    content = {
         "objects": len(objects),
         "recall": _share(objects, lambda item: item.found),
         "shape_right": _share(objects, lambda item: item.shape_right),
@@ -216,6 +219,7 @@ def summary(scores: Sequence[ImageScore], of: Callable[[ObjectScore], bool] = la
         "yaw_error_p95_deg": _quantile([math.degrees(item.yaw_error_rad) for item in found], 0.95),
         "false_alarms_per_image": sum(image.false_alarms for image in scores) / max(len(scores), 1),
     }
+    return {name: value for name, value in content.items() if not math.isnan(value)}
 
 
 def reliability(scores: Sequence[ImageScore], bins: int = 5) -> list[dict[str, float]]:
