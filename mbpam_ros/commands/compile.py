@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable
 
 import numpy as np
 from numba.core import event
@@ -21,6 +22,7 @@ from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.registry import build_pneumatics, pneumatic_model_names
+from mbpam_ros.study.executors import open_executor
 from mbpam_ros.terminal import Progress
 from mbpam_ros.vision.camera import camera_intrinsics, camera_pose, load_camera_config
 from mbpam_ros.vision.depth import DepthImage
@@ -48,12 +50,25 @@ class _Counter(event.Listener):
 
 
 def compile_all(progress: Progress) -> None:
-    """Call every kernel once; what is not in the cache is compiled, and ``progress`` told how far that is."""
+    """Call every kernel once; what is not in the cache is compiled, on two cores, and ``progress`` told how far it is."""
+    with open_executor(2) as executor:
+        beside = executor.submit(_compile_silently, (_see, _estimate))
+        counter = _compile(progress, (_move, _flow))
+        counter.count += beside.result()
+    progress.say(str(counter) if counter.count else "all is compiled")
+
+
+def _compile(progress: Progress, works: tuple[Callable[[], None], ...]) -> _Counter:
     counter = _Counter(progress)
     with garbage_collected_seldom(), event.install_listener("numba:compile", counter):
-        for work in (_estimate, _flow, _move, _see):
+        for work in works:
             work()
-    progress.say(str(counter) if counter.count else "all is compiled")
+    return counter
+
+
+def _compile_silently(works: tuple[Callable[[], None], ...]) -> int:
+    """Do it in another process; return how many functions were compiled."""
+    return _compile(Progress(silent=True), works).count
 
 
 def _estimate() -> None:

@@ -64,6 +64,8 @@ class ObjectDetectorNode(GripperNode):
     """Adapter around :class:`ObjectDetector`."""
 
     def __init__(self, **node_options: Unpack[NodeOptions]) -> None:
+        # First: a node that refuses its parameters or files is destroyed half built.
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="detector")
         super().__init__("object_detector", PARAMETERS, **node_options)
         camera = load_camera_config(self.text("camera"))
         self._detector = ObjectDetector(
@@ -79,7 +81,6 @@ class ObjectDetectorNode(GripperNode):
         self._seen: Sighting | None = None
         self._found_in: tuple[object, ...] | None = None
         self._learning: list[NDArray[np.uint8]] | None = None
-        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="detector")
         self._work: tuple[Future[Sighting], Image, NDArray[np.uint8], tuple[object, ...]] | None = None
 
         self._detections = self.create_publisher(MarkerArray, "detections", STREAM)
