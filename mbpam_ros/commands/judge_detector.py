@@ -1,6 +1,6 @@
 """How well objects are detected, on random images that are drawn for it.
 
-    mbpam judge_detector --images 120 --json judged.json --sheet worst.png
+    mbpam judge-detector --images 120 --json judged.json --sheet worst.png
 
 Two renderers: MuJoCo off-screen (extra "bench"; MUJOCO_GL=egl or osmesa), with tables, lamps, cameras, shapes,
 textures and clutter at random, and the simulated palm camera's own. Each image is looked at alone, with images of the

@@ -29,7 +29,7 @@ VERBS = (
     Verb("sample", "where to run finite elements so that few samples tell most", "sample", resumes=True),
     Verb("optimise", "the designs that bend furthest and press hardest, and a compromise", "optimise", resumes=True),
     Verb("detect", "the objects in an image file: shape, size and place", "detect"),
-    Verb("judge_detector", "how well objects are detected, on images drawn by MuJoCo and our own", "judge_detector"),
+    Verb("judge-detector", "how well objects are detected, on images drawn by MuJoCo and our own", "judge_detector"),
     Verb("compile", "compile all kernels ahead, so that no node does it when it starts", "compile"),
     Verb("bench", "CPU and latency of the running nodes, beside their budgets", "bench"),
     Verb("first-grasps", "how long the valves are left alone in the first grasp after a start", "first_grasps"),

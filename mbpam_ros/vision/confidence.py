@@ -4,7 +4,7 @@ A logistic function of what speaks for and against it:
 
     p = 1 / (1 + exp(-(w_0 + sum_i w_i f_i)))
 
-The weights are fitted to images of the tuning set (``mbpam judge_detector --tune``), one set for each source, and
+The weights are fitted to images of the set "tune" (:mod:`mbpam_ros.study.judge.tuning`), one set for each source, and
 stand in ``config/detector.yaml``; whether p is calibrated is judged on images of the other set.
 """
 

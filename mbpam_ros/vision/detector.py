@@ -33,7 +33,7 @@ from mbpam_ros.vision.confidence import FEATURES, probability
 from mbpam_ros.vision.depth import DepthError, DepthImage, Table, aligned, find_table
 from mbpam_ros.vision.primitives import SHAPE_OF, canonical, lies, place, sizes
 from mbpam_ros.vision.raycast import chords, hit_capsule
-from mbpam_ros.vision.region_fit import COARSE, Hypothesis, RegionFit, Surface, same_place
+from mbpam_ros.vision.region_fit import COARSE, Hypothesis, RegionFit, Surface, load_kernels, same_place
 from mbpam_ros.vision.segmentation import (
     Region,
     SegmentationConfig,
@@ -193,6 +193,7 @@ class ObjectDetector:
         self._open_fingers = _straight_fingers(gripper) if gripper else None
         self._views: dict[Intrinsics, _View] = {}
         self.background: Background | None = None
+        load_kernels()
 
     def detect(
         self,
@@ -244,6 +245,7 @@ class ObjectDetector:
         if lens is not None:
             grey_or_rgb = view.straightened(grey_or_rgb, lens)
         hidden = self._hidden(view, finger_centrelines_m)
+        prepared_s = time.thread_time()  # what the first frame alone needs is not taken from its budget
         smooth = _levels(cv2.GaussianBlur(grey_or_rgb, (3, 3), 0.8)).reshape(*grey_or_rgb.shape[:2], -1)
         coarse = _coarse(grey_or_rgb, hidden.shape)
         table, remark = None, ""
@@ -265,7 +267,7 @@ class ObjectDetector:
         level = coarse[..., 0] if coarse.shape[2] == 1 else _levels(cv2.cvtColor(coarse, cv2.COLOR_RGB2GRAY))
         surface = None if table is None else Surface(table.points_m, table.height_m, table.noise_m)
         fit = RegionFit(camera, support_m, smooth, level, hidden, self._config.edge_levels, surface)
-        search = _Search(self._config, source, fit, coarse, masks, began_s)
+        search = _Search(self._config, source, fit, coarse, masks, prepared_s)
         found = search.run()
         detections = [self._detection(item, camera, lens, support_m, source) for item in found]
         return Sighting(

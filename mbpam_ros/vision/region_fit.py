@@ -13,12 +13,13 @@ figure among others and bounded: it cannot overrule edges that agree.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.vision.camera import Camera
+from mbpam_ros.vision.camera import Camera, CameraPose, Intrinsics
 from mbpam_ros.vision.primitives import first_guesses, height, lies, sizes
 from mbpam_ros.vision.segmentation import Region
 from mbpam_ros.vision.solid_fit_kernel import (
@@ -324,6 +325,23 @@ class RegionFit:
         v = (optical[1] / optical[2] * self._lens[1] + self._lens[3]) / COARSE
         inside = 0 <= u < self._wide.shape[1] and 0 <= v < self._wide.shape[0]
         return bool(inside and self._wide[int(v), int(u)] == 0)
+
+
+@lru_cache(maxsize=1)
+def load_kernels() -> None:
+    """Call what is compiled once, with and without points: the first frame then waits for no compiler and no cache."""
+    pose = CameraPose(np.eye(3), np.zeros(3))
+    camera = Camera(Intrinsics(160, 120, 150.0, 150.0, 79.5, 59.5), pose)
+    level = np.full((60, 80), 60, np.uint8)
+    mask = np.zeros(level.shape, bool)
+    mask[20:40, 30:50] = True
+    image = np.full((120, 160, 3), 60, np.uint8)
+    image[40:80, 60:100] = 200
+    hidden = np.zeros(level.shape, np.uint8)
+    v, u = np.mgrid[0:60, 0:80].astype(np.float32)
+    points = np.stack([(2.0 * u - 79.5) / 500.0, (2.0 * v - 59.5) / 500.0, np.full_like(u, 0.27)], axis=-1)
+    for surface in (None, Surface(points, np.full(level.shape, 0.03, np.float32), 0.001)):
+        RegionFit(camera, 0.3, image, level, hidden, 4.0, surface).explanations(Region(0, 0, mask))
 
 
 def _worth_refining(starts: list[_Start]) -> list[_Start]:
