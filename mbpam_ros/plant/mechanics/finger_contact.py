@@ -114,8 +114,9 @@ def append_finger_contacts(
                     _write_points(bases, rod, motion, 1, room.points)
                     complete = True
                 pair = slot + (g * (g - 1) + 2 * f) * rod.balls.shape[0]
-                _ball_contacts(bases, rod, motion, f, g, room, pair, outlook, contacts)
-                _ball_contacts(bases, rod, motion, g, f, room, pair + rod.balls.shape[0], outlook, contacts)
+                for turn in range(2):
+                    one, other, first = (f, g, pair) if turn == 0 else (g, f, pair + rod.balls.shape[0])
+                    _ball_contacts(bases, rod, motion, one, other, room, first, outlook, contacts)
 
 
 @kernel
@@ -139,11 +140,14 @@ def _point(points: Array, ball: int) -> Vector:
 
 @kernel
 def _may_touch(rod: Rod, one: Array, other: Array, gap: float) -> bool:
-    """Whether two muscles may touch, by their compared balls: what is between is within half a stride of one."""
+    """Whether two muscles may touch, by their compared balls: what is between is within half a stride of one.
+
+    The tips come first: they touch most.
+    """
     reach = 2.0 * rod.radius + _FINE_STRIDE * rod.farthest + gap
-    for k in range(0, rod.balls.shape[0], _FINE_STRIDE):
+    for k in range(rod.balls.shape[0] - 1, -1, -_FINE_STRIDE):
         place = _point(one, k)
-        for m in range(0, rod.balls.shape[0], _FINE_STRIDE):
+        for m in range(rod.balls.shape[0] - 1, -1, -_FINE_STRIDE):
             between = minus(place, _point(other, m))
             if dot(between, between) < reach * reach:
                 return True
@@ -178,12 +182,15 @@ def _nearest_point(points: Array, balls: int, place: Vector, guess: int) -> tupl
     return along, best
 
 
-@kernel
+@kernel(forceinline=True)
 def _ball_contacts(
     bases: Array, rod: Rod, motion: Motion, one: int, other: int, room: Lines, slot: int, outlook: Outlook,
     contacts: Contacts,
 ) -> None:  # fmt: skip
-    """Append the contacts of the balls of finger ``one`` with the centreline of the ``other``."""
+    """Append the contacts of the balls of finger ``one`` with the centreline of the ``other``.
+
+    ``forceinline``: to hand the arrays on takes as long as to find that nothing touches.
+    """
     balls, line = rod.balls.shape[0], room.points[other]
     next_ball, guess = 0, 0  # the next that may touch, and what was nearest to the one before
     for k in range(balls):
