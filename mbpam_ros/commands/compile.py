@@ -50,7 +50,7 @@ class _Counter(event.Listener):
 
 
 def compile_all(progress: Progress) -> None:
-    """Call every kernel once; what is not in the cache is compiled, on two cores, and ``progress`` told how far it is."""
+    """Call every kernel once, on two cores; what is not in the cache is compiled, and ``progress`` told how far."""
     with open_executor(2) as executor:
         beside = executor.submit(_compile_silently, (_see, _estimate))
         counter = _compile(progress, (_move, _flow))
