@@ -124,6 +124,7 @@ def test_a_batch_on_threads_gives_the_bits_of_single_runs(workers, closed_one_by
     assert closed_in_a_batch(workers=workers) == closed_one_by_one
 
 
+@pytest.mark.slow
 def test_a_batch_on_a_dask_cluster_gives_the_bits_of_one_on_threads():
     pytest.importorskip("distributed")
     with open_executor(1, "local") as executor:

@@ -33,6 +33,7 @@ def tip(section, loads, **options):
     return rod_at_rest(section, GEOMETRY, loads, **options).tip_position_m
 
 
+@pytest.mark.slow
 def test_the_error_of_the_tip_falls_with_the_fourth_power_of_the_step_and_is_small_with_the_usual_one():
     exact = tip(BENT, EVERYTHING, steps=384)
     errors = [np.linalg.norm(tip(BENT, EVERYTHING, steps=steps) - exact) / ACTIVE for steps in (12, 24, 48)]
@@ -54,6 +55,7 @@ def bend_of(load, section):
     return brentq(left, -40.0, 120.0) * toward + load @ side / (section.stiffness_n_m2 + section.side_n_m2) * side
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("of", [BENT, CURVED], ids=["line", "curve"])
 def test_bend_stretch_and_twist_under_all_loads_are_those_of_a_collocation_solver(of):
     """SciPy's solve_bvp on forces, moments and energy written with matrices: it shares neither march nor Newton."""

@@ -74,6 +74,7 @@ class PlantRod:
         return self.tip @ self.motion.of(0).tangent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loads", LOADS)
 def test_the_tip_converges_to_the_boundary_value_solution(loads):
     expected = rod_at_rest(SECTION, GEOMETRY, loads).tip_position_m
