@@ -49,9 +49,12 @@ class _Counter(event.Listener):
         return f"{self.count} functions compiled in {time.monotonic() - self._began_s:.0f} s"
 
 
-def compile_all(progress: Progress) -> None:
-    """Call every kernel once, on two cores; what is not in the cache is compiled, and ``progress`` told how far."""
-    with open_executor(2) as executor:
+def compile_all(progress: Progress, processes: int = 2) -> None:
+    """Call every kernel once; what is not in the cache is compiled, and ``progress`` told how far.
+
+    More than one process divide the work between two cores. Where ROS runs already, take one: it cannot be forked.
+    """
+    with open_executor(processes) as executor:
         beside = executor.submit(_compile_silently, (_see, _estimate))
         counter = _compile(progress, (_move, _flow))
         counter.count += beside.result()

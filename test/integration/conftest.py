@@ -136,7 +136,7 @@ class Graph:
 @pytest.fixture(scope="session")
 def compiled_plant() -> None:
     """Have the simulated plant compiled: on a fresh machine that takes longer than a test waits."""
-    compile_all(Progress(silent=True))
+    compile_all(Progress(silent=True), processes=1)
 
 
 @pytest.fixture
