@@ -90,7 +90,11 @@ class ObjectDetectorNode(GripperNode):
         self._listen_to_camera(CameraInfo, "camera/depth/camera_info", self._on_depth_info)
         self._listen_to_camera(Image, "camera/depth/image_raw", self._on_depth)
         self.create_service(Trigger, "object_detector/learn_background", self._on_learn_background)
-        self.create_timer(POLL_PERIOD_S, self._take_finished, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        # Runs while a frame is in work alone: in one process with all nodes every tick counts.
+        self._poll = self.create_timer(
+            POLL_PERIOD_S, self._take_finished, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+        self._poll.cancel()
 
     def health(self) -> Health:
         """WARN while no image comes or none can be used."""
@@ -197,6 +201,7 @@ class ObjectDetectorNode(GripperNode):
             look = self._detector.look
             arguments = (image, message.encoding, self._intrinsics, self._distortion, depth_m, None, depth)
             self._work = self._thread.submit(look, *arguments), message, image, view
+            self._poll.reset()
             if self.value("use_sim_time"):  # simulated time stands still for it, and a run repeats
                 self._work[0].exception()
                 self._take_finished()
@@ -209,6 +214,7 @@ class ObjectDetectorNode(GripperNode):
             return
         future, message, image, view = self._work
         self._work = None
+        self._poll.cancel()
         try:
             self._seen, self._found_in = future.result(), view
         except _UNUSABLE as error:
