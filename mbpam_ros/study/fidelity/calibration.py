@@ -45,7 +45,7 @@ from mbpam_ros.plant.fidelity import (
 from mbpam_ros.plant.planner import AIR, KINDS, REFERENCE_PNEUMATICS, PlanError, plan_for_kinds
 from mbpam_ros.plant.tiers.base import PlantDivergedError
 from mbpam_ros.study.fidelity.draws import STRAIN_SETS, TOLERANCE_PCT, drawn_scene
-from mbpam_ros.study.fidelity.errors import Errors, errors
+from mbpam_ros.study.fidelity.errors import Errors, errors, table_row
 from mbpam_ros.study.fidelity.runs import run, run_coarser_reference, run_reference
 
 Array = NDArray[np.float64]
@@ -178,22 +178,8 @@ class ErrorLaw:
                 if each.tier == "static" and kind != AIR:
                     continue
                 static, transient, force = (law.bound_pct(kind, each, level) for law in self._laws)
-                rows.append(
-                    Measured(
-                        scene=kind,
-                        tier=each.tier,
-                        modes=each.modes,
-                        step_s=each.sub_step_s,
-                        pneumatics=str(each.pneumatics),
-                        static_error_pct=static,
-                        transient_error_pct=max(static, transient),
-                        pressure_error_pct=0.0,
-                        cpu_ms_per_s=cost_ms_per_s(kind, each),
-                        contact_force_error_pct=None if kind == AIR else force,
-                        twist_modes=each.twist_modes,
-                        stretch_modes=each.stretch_modes,
-                    )
-                )
+                bounds = Errors(static, max(static, transient), 0.0, None if kind == AIR else force)
+                rows.append(table_row(kind, each, bounds, cost_ms_per_s(kind, each)))
         return tuple(rows)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
+from mbpam_ros.plant.fidelity import Fidelity, Measured
 from mbpam_ros.study.fidelity.cases import FULL_PA, Case
 from mbpam_ros.study.fidelity.runs import TICK_S, Record
 
@@ -26,6 +27,24 @@ class Errors:
     def __str__(self) -> str:
         force = "" if self.contact_force_pct is None else f", force {self.contact_force_pct:.2g} %"
         return f"static {self.static_pct:.2g} %, transient {self.transient_pct:.2g} %{force}"
+
+
+def table_row(scene: str, fidelity: Fidelity, off: Errors, cpu_ms_per_s: float) -> Measured:
+    """Return the planner's row of a fidelity in a case, or in a kind of scene."""
+    return Measured(
+        scene=scene,
+        tier=fidelity.tier,
+        modes=fidelity.modes,
+        step_s=fidelity.sub_step_s,
+        pneumatics=str(fidelity.pneumatics),
+        static_error_pct=off.static_pct,
+        transient_error_pct=off.transient_pct,
+        pressure_error_pct=off.pressure_pct,
+        cpu_ms_per_s=cpu_ms_per_s,
+        contact_force_error_pct=off.contact_force_pct,
+        twist_modes=fidelity.twist_modes,
+        stretch_modes=fidelity.stretch_modes,
+    )
 
 
 def errors(case: Case, found: Record, reference: Record, active_length_m: float) -> Errors:

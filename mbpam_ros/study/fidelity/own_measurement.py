@@ -20,7 +20,7 @@ from mbpam_ros.plant.scene import Scene
 from mbpam_ros.plant.tiers.base import PlantDivergedError
 from mbpam_ros.study.fidelity.calibration import with_strains_of
 from mbpam_ros.study.fidelity.cases import Case, grasp_case, grasp_mode, opening_case
-from mbpam_ros.study.fidelity.errors import Errors, errors
+from mbpam_ros.study.fidelity.errors import Errors, errors, table_row
 from mbpam_ros.study.fidelity.runs import Record, run
 from mbpam_ros.study.fidelity.trade import can_run, fidelities
 
@@ -104,19 +104,10 @@ def _row(kind: str, case: Case, each: Fidelity, reference: Record, known: Errors
             return None
         return SAFETY * measured_pct + (known_pct or 0.0)
 
-    return [
-        Measured(
-            scene=kind,
-            tier=each.tier,
-            modes=each.modes,
-            step_s=each.sub_step_s,
-            pneumatics=str(each.pneumatics),
-            static_error_pct=bound(off.static_pct, known.static_pct) or 0.0,
-            transient_error_pct=bound(off.transient_pct, known.transient_pct) or 0.0,
-            pressure_error_pct=off.pressure_pct,
-            cpu_ms_per_s=found.cpu_ms_per_s,
-            contact_force_error_pct=bound(off.contact_force_pct, known.contact_force_pct),
-            twist_modes=each.twist_modes,
-            stretch_modes=each.stretch_modes,
-        )
-    ]
+    bounds = Errors(
+        bound(off.static_pct, known.static_pct) or 0.0,
+        bound(off.transient_pct, known.transient_pct) or 0.0,
+        off.pressure_pct,
+        bound(off.contact_force_pct, known.contact_force_pct),
+    )
+    return [table_row(kind, each, bounds, found.cpu_ms_per_s)]

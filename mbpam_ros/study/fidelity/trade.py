@@ -18,7 +18,7 @@ from mbpam_ros.study.fidelity.boundary_value import boundary_value_error_pct
 from mbpam_ros.study.fidelity.calibration import DrawErrors, draw_errors, draw_row, plain
 from mbpam_ros.study.fidelity.cases import Case
 from mbpam_ros.study.fidelity.costs import CostLine, Trust, cost_lines, timed
-from mbpam_ros.study.fidelity.errors import Errors, errors
+from mbpam_ros.study.fidelity.errors import Errors, errors, table_row
 from mbpam_ros.study.fidelity.runs import TICK_S, Record, run, run_coarser_reference, run_reference
 from mbpam_ros.study.jobs import ResultFile, as_they_end, run_jobs
 from mbpam_ros.terminal import Progress
@@ -309,7 +309,7 @@ def table_rows(
     checks: dict[str, dict[str, float]] = {case.name: {} for case in trade.cases}
     for name, (case, fidelity) in trade.runs().items():
         if name in rows:
-            found.append(_row(case, fidelity, rows[name], cost(kind_of_case(case), fidelity)))
+            found.append(table_row(case.name, fidelity, _errors(rows[name]), cost(kind_of_case(case), fidelity)))
             for what, value in rows[name]["check"].items():
                 checks[case.name][what] = max(value, checks[case.name].get(what, 0.0))
     return found, {name: check for name, check in checks.items() if check}
@@ -342,21 +342,3 @@ def _text(row: dict) -> str:
 
 def _errors(row: dict) -> Errors:
     return Errors(**{field.name: row[field.name] for field in dataclasses.fields(Errors)})
-
-
-def _row(case: Case, fidelity: Fidelity, found: dict, cpu_ms_per_s: float) -> Measured:
-    off = _errors(found)
-    return Measured(
-        scene=case.name,
-        tier=fidelity.tier,
-        modes=fidelity.modes,
-        step_s=fidelity.sub_step_s,
-        pneumatics=str(fidelity.pneumatics),
-        static_error_pct=off.static_pct,
-        transient_error_pct=off.transient_pct,
-        pressure_error_pct=off.pressure_pct,
-        cpu_ms_per_s=cpu_ms_per_s,
-        contact_force_error_pct=off.contact_force_pct,
-        twist_modes=fidelity.twist_modes,
-        stretch_modes=fidelity.stretch_modes,
-    )
