@@ -201,7 +201,7 @@ def _convert_tuple(arguments: tuple[Any, ...], value: Any, where: str) -> tuple[
 
 def _convert_scalar(expected: type, value: Any, where: str) -> Any:
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if is_number and value in (math.inf, -math.inf) or value != value:
+    if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"{where}: expected a finite number, found {value}")
     if is_number and abs(value) > LARGEST_NUMBER:
         raise ConfigError(f"{where}: expected a number up to {LARGEST_NUMBER:g}, found {_shown(value)}")

@@ -22,7 +22,6 @@ from scipy.spatial.transform import Rotation
 from mbpam_ros.geometry.solids import Shape
 from mbpam_ros.vision.solid_fit_kernel import BOX, CAPSULE, POST, ROD, SPHERE, clipped
 
-FORMS = (SPHERE, ROD, POST, BOX, CAPSULE)
 SHAPE_OF: dict[int, Shape] = {SPHERE: "sphere", ROD: "cylinder", POST: "cylinder", BOX: "box", CAPSULE: "cylinder"}
 YAW_INDEX = 2
 
@@ -47,11 +46,6 @@ def sizes(form: int, parameters: NDArray) -> NDArray[np.float64]:
     if form == BOX:
         return np.array(p[3:6])
     return np.array([2.0 * p[3], 2.0 * p[3], p[4]])
-
-
-def size_sigmas(form: int, sigma: NDArray) -> NDArray[np.float64]:
-    """Standard deviation (3,) [m] of :func:`sizes`, from those of the parameters."""
-    return sizes(form, sigma)
 
 
 def height(form: int, parameters: NDArray) -> float:

@@ -321,16 +321,22 @@ def _solve(normal: NDArray, right: NDArray, count: int, damping: float, floor: f
                 factor[i, i] = math.sqrt(max(value, 1e-12 * largest))
             else:
                 factor[i, j] = value / factor[j, j]
+    _substitute(factor, right, count, step)
+
+
+@njit(nogil=True)
+def _substitute(factor: NDArray, right: NDArray, count: int, solution: NDArray) -> None:
+    """Solve L L^T x = right for a lower factor L; ``solution`` may be ``right``."""
     for i in range(count):
         value = right[i]
         for k in range(i):
-            value -= factor[i, k] * step[k]
-        step[i] = value / factor[i, i]
+            value -= factor[i, k] * solution[k]
+        solution[i] = value / factor[i, i]
     for i in range(count - 1, -1, -1):
-        value = step[i]
+        value = solution[i]
         for k in range(i + 1, count):
-            value -= factor[k, i] * step[k]
-        step[i] = value / factor[i, i]
+            value -= factor[k, i] * solution[k]
+        solution[i] = value / factor[i, i]
 
 
 @njit(nogil=True)
@@ -807,15 +813,7 @@ def shading_left(
                 for k in range(j):
                     value -= factor[i, k] * factor[j, k]
                 factor[i, j] = math.sqrt(max(value, 1e-12)) if i == j else value / factor[j, j]
-            value = right[i]
-            for k in range(i):
-                value -= factor[i, k] * right[k]
-            right[i] = value / factor[i, i]
-        for i in range(_TERMS - 1, -1, -1):
-            value = right[i]
-            for k in range(i + 1, _TERMS):
-                value -= factor[k, i] * right[k]
-            right[i] = value / factor[i, i]
+        _substitute(factor, right, _TERMS, right)
         for k in range(count):
             value = found[k]
             for i in range(_TERMS):
