@@ -22,7 +22,7 @@ from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
 from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
 from mbpam_ros.grasp.watch import HealthWatch
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.nodes.markers import BASE_FRAME, SHAPES
+from mbpam_ros.nodes.markers import BASE_FRAME, SHAPES, hidden_lengths
 from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, pose, pose_arrays, with_answer
 from mbpam_ros.nodes.parameters import Parameter
 
@@ -183,6 +183,7 @@ def _detected_object(marker: Marker) -> DetectedObject:
         orientation_xyzw=tuple(orientation),
         # A float32 field: 1.0 may arrive a rounding above.
         confidence=min(marker.color.a, 1.0),
+        hidden_m=hidden_lengths(marker),
     )
 
 
