@@ -236,18 +236,16 @@ class Simulation:
         return answer
 
     def _in_view(self) -> list[DetectedObject]:
-        pose, seen = self.seen.object_in_gripper, self.scene.object
-        if pose is None or seen is None:
-            return []
         return [
             DetectedObject(
-                label=seen.label,
-                shape=seen.shape,
-                size_m=seen.size_m,
-                position_m=tuple(pose.position_m),
-                orientation_xyzw=tuple(pose.orientation_xyzw),
+                label=placed.object.label,
+                shape=placed.object.shape,
+                size_m=placed.object.size_m,
+                position_m=tuple(there.in_gripper.position_m),
+                orientation_xyzw=tuple(there.in_gripper.orientation_xyzw),
                 confidence=1.0,
             )
+            for placed, there in zip(self.scene.placed, self.seen.objects, strict=True)
         ]
 
 
