@@ -27,7 +27,7 @@ from mbpam_ros.grasp.watch import HealthWatch
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.answering import Reply
 from mbpam_ros.nodes.heartbeat import SILENCE_S, Instance
-from mbpam_ros.nodes.markers import BASE_FRAME, SHAPES
+from mbpam_ros.nodes.markers import BASE_FRAME, SHAPES, hidden_lengths
 from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, pose, pose_arrays, seconds
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.stamps import CLOCK_TOLERANCE, StampClock, stamp_age
@@ -329,6 +329,7 @@ def _detected_object(marker: Marker) -> DetectedObject:
         orientation_xyzw=tuple(orientation),
         # A float32 field: 1.0 may arrive a rounding above.
         confidence=min(marker.color.a, 1.0),
+        hidden_m=hidden_lengths(marker),
     )
 
 

@@ -13,15 +13,19 @@ import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
 import numpy as np
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Image, JointState
+from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.configuration import config_path
 from mbpam_ros.nodes.interface import NODES, SERVICES, TOPICS
-from mbpam_ros.nodes.messages import joint_state, time_stamp
+from mbpam_ros.nodes.messages import joint_state, rgb_image, seconds, time_stamp
 from mbpam_ros.nodes.runtime import STREAM
+from mbpam_ros.study.judge.hostile import hostile_images
+from mbpam_ros.vision.camera import load_camera_config
 
 START_S = 60.0
+WATCHDOG_S = 0.2  # of the valve controller
 CAMERALESS = ("plant", "pressure_sensor", "valve_controller", "grasp_arbiter")
 OK = DiagnosticStatus.OK
 
@@ -51,6 +55,29 @@ def test_bringup_runs_all_six_nodes_and_a_signal_ends_it_with_code_0(start, stop
     assert gripper.processes.stop(stop_signal) == {"bringup": 0}
     log = gripper.processes.log("bringup").read_text()
     assert "Traceback" not in log and "FATAL" not in log, log
+
+
+def test_hostile_images_hold_up_no_valve_and_lose_no_grasp(start):
+    """In one process with the valves; the gap itself is measured by ``mbpam bench``."""
+    gripper = start(["bringup"], arguments={"bringup": ["-p", "object_detector:max_rate_hz:=20.0"]}, nodes=NODES)
+    gripper.enable()
+    gripper.close_fingers()
+    stamps_s: list[float] = []
+    seen = []
+    node = gripper.operator.node
+    node.create_subscription(
+        JointState, "valve_commands", lambda message: stamps_s.append(seconds(message.header.stamp)), STREAM
+    )
+    node.create_subscription(MarkerArray, "detections", seen.append, STREAM)
+    images = node.create_publisher(Image, "camera/image_raw", STREAM)
+    camera = load_camera_config()
+    for pixels in hostile_images(camera.width_px, camera.height_px) * 3:
+        before = len(seen)
+        images.publish(rgb_image(pixels))
+        gripper.wait_for(lambda: len(seen) > before, "what was seen")  # noqa: B023
+    assert len(stamps_s) > 20
+    assert max(np.diff(stamps_s)) < WATCHDOG_S
+    assert gripper.grasp["phase"] == "holding", gripper.report()
 
 
 @pytest.mark.parametrize(
