@@ -192,6 +192,7 @@ class Decision(_Situation):
 
 _OPEN = _Situation(Phase.IDLE, Source.NONE, Air.REGULATE, "open")
 _GRASPING = (Phase.CLOSING, Phase.HOLDING)
+_AT_THE_VALVES = "vented at the valves: "
 
 
 class Arbiter:
@@ -305,7 +306,8 @@ class Arbiter:
         """Take notice that a vent is latched at the valves: by whoever, or from before this arbiter was started."""
         self._advance(time_s)
         if not (self._situation.phase is Phase.FAULT and self._situation.air is Air.VENT):
-            self._fault(f"vented at the valves: {reason}", Air.VENT)
+            # Valves started anew took it from the word of an arbiter, which had it from the valves before.
+            self._fault(f"{_AT_THE_VALVES}{reason.removeprefix(_AT_THE_VALVES)}", Air.VENT)
 
     def observe_contact(self, time_s: float, touching: bool) -> None:
         """Take a measured contact, should the gripper have a sensor for it. It is reported, and decides nothing."""

@@ -7,6 +7,7 @@ import inspect
 import signal
 import sys
 import time
+import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
@@ -40,6 +41,7 @@ from mbpam_ros.nodes.heartbeat import LIFE_LOOK_S, PERIOD_S, Instance, SignsOfLi
 from mbpam_ros.nodes.lateness import Lateness
 from mbpam_ros.nodes.messages import time_stamp
 from mbpam_ros.nodes.parameters import Parameter, declare_parameters
+from mbpam_ros.nodes.protection import unprotected, without_security
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -324,10 +326,14 @@ def run(*factories: Callable[..., GripperNode], arguments: Sequence[str] | None 
     if code is not None:
         return code
     stop_requested = _catch_stop_signals()
+    # What rclpy says besides when ROS refuses a node.
+    warnings.filterwarnings("ignore", "Failed to fini rosout publisher", RuntimeWarning)
+    if (warning := unprotected()) is not None:
+        print(f"warning: {warning}", file=sys.stderr)
     try:
         rclpy.init(args=None if arguments is None else list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's own errors: a file of parameters or a rule it cannot read
-        print(f"error: ROS arguments: {error}", file=sys.stderr)
+        print(f"error: {without_security(error) or f'ROS arguments: {error}'}", file=sys.stderr)
         return 2
     executor = EventsExecutor()
     nodes: list[GripperNode] = []
@@ -379,6 +385,12 @@ def _live(
         return 0
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
+        return 2
+    except RuntimeError as error:
+        refusal = without_security(error)
+        if refusal is None:
+            raise
+        print(f"error: {refusal}", file=sys.stderr)
         return 2
 
 
