@@ -118,7 +118,7 @@ class Simulation:
         pressure_gauge_pa = self._sensing.update(now_s, self.seen.transducer_v).pressure_gauge_pa
         self._arbiter.observe_pressures(now_s, pressure_gauge_pa)
         self.decision = self._arbiter.tick(now_s)
-        self._switch.obey(self.decision.air)
+        self._switch.obey(self.decision.air, self.decision.phase is Phase.CLOSING)
         self._switch.request(self.decision.setpoint_gauge_pa)
         self._plant.step(self._controller.update(now_s, pressure_gauge_pa), TICK_S)
         self.seen = self._plant.observe()
@@ -221,7 +221,10 @@ class Simulation:
 
     def reset(self) -> Answer:
         """Clear a latched fault."""
-        return self._asked(self._arbiter.reset)
+        answer = self._asked(self._arbiter.reset)
+        if answer.accepted:
+            self._switch.clear()
+        return answer
 
     def lift(self) -> Answer:
         """Start raising the hand."""

@@ -17,7 +17,7 @@ closing    release                                                      releasin
 holding    release                                                      releasing            regulate to 0
 releasing  all pressures down                                           idle                 regulate to 0
 releasing  they are not before the time-out                             fault                vent
-any        stop, or over-pressure                                       fault                vent
+any        stop, over-pressure, or a vent latched at the valves         fault                vent
 fault      release (lets go of an object a fault has kept)              fault                vent
 fault      reset, pressures down and known, no fault reported           idle                 regulate to 0
 ========== ============================================================ ==================== ==============
@@ -259,6 +259,7 @@ class Arbiter:
         self._pressure_pa = np.full(CHANNEL_COUNT, np.nan)
         self._valid_at_s = np.full(CHANNEL_COUNT, -math.inf)
         self._sightings = Sightings(config.object_moved_m, config.detection_stale_s)
+        self._blind = ""
         self._target: DetectedObject | None = None
         self._expected = NOTHING_EXPECTED
         self._touching = False
@@ -277,6 +278,11 @@ class Arbiter:
     def phase(self) -> Phase:
         """Where the grasp stands after the last observation, request or tick."""
         return self._situation.phase
+
+    @property
+    def pressure_gauge_pa(self) -> NDArray[np.float64]:
+        """Pressures observed last, shape (16,) [Pa gauge]; NaN where there was no valid reading."""
+        return self._pressure_pa.copy()
 
     # Observations
 
@@ -302,16 +308,22 @@ class Arbiter:
                 self._fault(f"started with air in {_channels(up)}, which may hold an object", Air.HOLD)
         self._update(time_s)
 
-    def observe_detections(self, time_s: float, objects: Sequence[DetectedObject]) -> None:
-        """Take what the camera sees now, nothing included. While the fingers are open it may end a grasp begun."""
+    def observe_detections(self, time_s: float, objects: Sequence[DetectedObject], age_s: float = 0.0) -> None:
+        """Take what the camera saw ``age_s`` ago, nothing included. While the fingers are open it may end a grasp."""
         self._advance(time_s)
-        self._sightings.take(self._time_s, objects)
+        self._sightings.take(self._time_s - age_s, objects)
+        self._blind = ""
         now = self._situation
         still_open = bool((self._pressure_pa < _SEES_BELOW_PA).all())  # later fingers hide it, or have moved it
         if now.phase is Phase.CLOSING and now.source is Source.CAMERA and self._target is not None and still_open:
             lost = self._sightings.lost(self._target)
             if lost is not None:
                 self._enter(replace(now, phase=Phase.RELEASING, reason=f"{lost}; not closed upon"))
+
+    def forget_detections(self, reason: str) -> None:
+        """Have the camera's grasps refused for ``reason`` until it is heard of again."""
+        self._sightings.forget()
+        self._blind = reason
 
     def expect(self, expected: Expected) -> None:
         """Take what is known of the objects to come: the camera's grasps of them are as hard as that asks for."""
@@ -324,6 +336,12 @@ class Arbiter:
             self._unhealthy.pop(source, None)
         else:
             self._unhealthy[source] = message
+
+    def observe_vent(self, time_s: float, reason: str) -> None:
+        """Take notice that a vent is latched at the valves: by whoever, or from before this arbiter was started."""
+        self._advance(time_s)
+        if not (self._situation.phase is Phase.FAULT and self._situation.air is Air.VENT):
+            self._fault(f"vented at the valves: {reason}", Air.VENT)
 
     def observe_contact(self, time_s: float, touching: bool) -> None:
         """Take a measured contact, should the gripper have a sensor for it. It is reported, and decides nothing."""
@@ -360,7 +378,7 @@ class Arbiter:
             return Answer(False, objection)
         age_s = self._time_s - self._sightings.time_s
         if age_s == math.inf:
-            return Answer(False, "no detection yet; is the object detector running?")
+            return Answer(False, self._blind or "no detection yet; is the object detector running?")
         if age_s > self._config.detection_stale_s:
             return Answer(
                 False,
@@ -399,23 +417,29 @@ class Arbiter:
 
     def reset(self, time_s: float) -> Answer:
         """Clear a latched fault, if its cause is gone and the gripper is vented."""
-        self._update(time_s)
+        refusal = self.objection_to_reset(time_s)
+        if refusal is not None:
+            return Answer(False, refusal)
         if self._situation.phase is Phase.IDLE:
             return Answer(True, "no fault latched")
-        if self._situation.phase is not Phase.FAULT:
-            return Answer(
-                False, f"no fault latched, the gripper is {self._situation.phase.value}; grasp/release opens it"
-            )
-        if self._situation.air is Air.HOLD:
-            return Answer(False, f"the fault keeps the object ({self._situation.reason}); call grasp/release first")
-        objection = self._ill_health() or self._unreadable()
-        if objection is not None:
-            return Answer(False, f"the cause persists: {objection}")
-        up = ~(self._pressure_pa < self._config.open_below_gauge_pa)
-        if up.any():
-            return Answer(False, f"pressure is still up: {self._readings(up)}; wait until vented")
         self._enter(replace(_OPEN, reason="fault reset"))
         return Answer(True, "fault cleared")
+
+    def objection_to_reset(self, time_s: float) -> str | None:
+        """Return why a reset would be refused now, or None."""
+        self._update(time_s)
+        now = self._situation
+        if now.phase is Phase.IDLE:
+            return None
+        if now.phase is not Phase.FAULT:
+            return f"no fault latched, the gripper is {now.phase.value}; grasp/release opens it"
+        if now.air is Air.HOLD:
+            return f"the fault keeps the object ({now.reason}); call grasp/release first"
+        objection = self._ill_health() or self._unreadable()
+        if objection is not None:
+            return f"the cause persists: {objection}"
+        up = ~(self._pressure_pa < self._config.open_below_gauge_pa)
+        return f"pressure is still up: {self._readings(up)}; wait until vented" if up.any() else None
 
     def obstacle(self, time_s: float) -> str | None:
         """Return what keeps any grasp from starting (a fault of a part, no valid pressures), or None."""

@@ -23,6 +23,9 @@ from mbpam_ros.grasp.modes import GraspMode
 from mbpam_ros.grasp.reach import Body, Reach
 from mbpam_ros.gripper import Gripper
 
+_LIKELY_HIDDEN_M = 0.05
+"""By how much a rod is likely to be longer at an end that is hidden and has no bound near by."""
+
 
 @dataclass(frozen=True)
 class SelectionConfig:
@@ -75,10 +78,12 @@ class DetectedObject:
         position_m: centre.
         orientation_xyzw: quaternion of the body axes; normalised here.
         confidence: 0..1.
+        hidden_m: of a length that is seen in part, how much farther it may reach at the negative and at the positive
+            end of its axis; size and centre are those of the part that is seen.
 
     Raises:
         ValueError: an unknown shape, a size that is not positive, a number that is not finite, a zero quaternion,
-            a confidence outside 0..1.
+            a confidence outside 0..1, a hidden length that is negative.
     """
 
     label: str
@@ -87,17 +92,20 @@ class DetectedObject:
     position_m: tuple[float, float, float]
     orientation_xyzw: tuple[float, float, float, float]
     confidence: float
+    hidden_m: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.shape not in SHAPES:
             raise ValueError(f"{self.label}: shape {self.shape!r} is none of {', '.join(SHAPES)}")
-        for name, count in (("size_m", 3), ("position_m", 3), ("orientation_xyzw", 4)):
+        for name, count in (("size_m", 3), ("position_m", 3), ("orientation_xyzw", 4), ("hidden_m", 2)):
             value = tuple(float(number) for number in getattr(self, name))
             if len(value) != count or not all(math.isfinite(number) for number in value):
                 raise ValueError(f"{self.label}: {name} must hold {count} finite numbers, found {value}")
             object.__setattr__(self, name, value)
         if min(self.size_m) <= 0.0:
             raise ValueError(f"{self.label}: size must be positive, found {self.size_m} m")
+        if min(self.hidden_m) < 0.0:
+            raise ValueError(f"{self.label}: hidden_m must not be negative, found {self.hidden_m}")
         if not 0.0 <= self.confidence <= 1.0:
             raise ValueError(f"{self.label}: confidence must lie in 0..1, found {self.confidence}")
         norm = math.hypot(*self.orientation_xyzw)
@@ -157,11 +165,23 @@ class Refusal:
 
 @dataclass(frozen=True)
 class _Footprint:
-    """How an object lies, seen along gripper Z. Round: no axis, length = width."""
+    """How an object lies, seen along gripper Z. Round: no axis, length = width.
+
+    Args:
+        width_m, length_m: extents; the length that is seen.
+        axis_azimuth_rad: of the length.
+        hidden_m: how much farther the length may reach against, and along, that azimuth.
+    """
 
     width_m: float
     length_m: float
     axis_azimuth_rad: float | None
+    hidden_m: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def longest_m(self) -> float:
+        """Length if all that is hidden belongs to it."""
+        return self.length_m + sum(self.hidden_m)
 
 
 class ModeSelector:
@@ -188,8 +208,13 @@ class ModeSelector:
         self._reach = Reach(gripper, modes, config.friction_coefficient, config.table_depth_m)
 
     def select(self, target: DetectedObject, expected: Expected = NOTHING_EXPECTED) -> GraspChoice | Refusal:
-        """Return mode, turn, wrist pose and pressure for one object, or why it cannot be grasped."""
+        """Return mode, turn, wrist pose and pressure for one object, or why it cannot be grasped.
+
+        Of an object seen in part the centre is taken where, of all places it may be in, it is nearest to the palm's
+        axis: a rod that is long enough can be taken there, wherever it ends.
+        """
         footprint = _footprint(target)
+        target = _at_nearest_centre(target, footprint)
         name, why = self._mode_for(target, footprint)
         turns, rotation = _nearest_turn(footprint.axis_azimuth_rad)
         mirrored = self._mirror_helps(self._modes[name], rotation)
@@ -243,11 +268,16 @@ class ModeSelector:
             return "envelope", f"{target.shape} is round from above, {1e3 * footprint.width_m:.0f} mm"
         if target.shape == "box":
             return "mid_rod", "box, flat faces want all fingers in one plane"
-        slenderness = footprint.length_m / footprint.width_m
+        least, most = footprint.length_m / footprint.width_m, footprint.longest_m / footprint.width_m
+        likely_m = footprint.length_m + sum(min(0.5 * hidden, _LIKELY_HIDDEN_M) for hidden in footprint.hidden_m)
         threshold = self._config.slenderness_min
-        if slenderness >= threshold:
-            return "slender_rod", f"round rod of slenderness {slenderness:.1f}, at least {threshold:g}"
-        return "short_rod", f"round rod of slenderness {slenderness:.1f}, less than {threshold:g}"
+        if least == most:
+            known = f"{least:.1f}"
+        else:
+            known = f"{least:.1f} to {most:.1f} (seen in part)"
+        if likely_m / footprint.width_m >= threshold:
+            return "slender_rod", f"round rod of slenderness {known}, at least {threshold:g}"
+        return "short_rod", f"round rod of slenderness {known}, less than {threshold:g}"
 
     def _obstacle(self, target: DetectedObject, footprint: _Footprint) -> str | None:
         """Return which of the configured limits the object breaks, or None."""
@@ -300,9 +330,21 @@ def _footprint(target: DetectedObject) -> _Footprint:
         # A cylinder is round about z: it stands only if its axis is nearer to the vertical than 45 deg.
         if abs(axes[2, 2]) > math.sqrt(0.5):
             return _Footprint(diameter, diameter, None)
-        return _Footprint(diameter, length, math.atan2(axes[1, 2], axes[0, 2]))
+        return _Footprint(diameter, length, math.atan2(axes[1, 2], axes[0, 2]), target.hidden_m)
     long, short = sorted((axis for axis in range(3) if axis != upright), key=lambda axis: -target.size_m[axis])
-    return _Footprint(target.size_m[short], target.size_m[long], math.atan2(axes[1, long], axes[0, long]))
+    azimuth = math.atan2(axes[1, long], axes[0, long])
+    return _Footprint(target.size_m[short], target.size_m[long], azimuth, target.hidden_m)
+
+
+def _at_nearest_centre(target: DetectedObject, footprint: _Footprint) -> DetectedObject:
+    """The object with that of its possible centres which is nearest to the palm's axis."""
+    if footprint.axis_azimuth_rad is None or not any(footprint.hidden_m):
+        return target
+    x, y, z = target.position_m
+    along = math.cos(footprint.axis_azimuth_rad), math.sin(footprint.axis_azimuth_rad)
+    back, forth = footprint.hidden_m
+    shift = min(max(-(x * along[0] + y * along[1]), -0.5 * back), 0.5 * forth)
+    return replace(target, position_m=(x + shift * along[0], y + shift * along[1], z))
 
 
 def _nearest_turn(axis_azimuth_rad: float | None) -> tuple[int, float]:

@@ -24,10 +24,17 @@ class Sightings:
         self.time_s = -math.inf
 
     def take(self, time_s: float, objects: Sequence[DetectedObject]) -> None:
-        """Take what is seen at ``time_s`` [s], nothing included. Two looks of one time are one."""
+        """Take what is seen at ``time_s`` [s], nothing included. Looks of one time are one; an older one is none."""
+        if time_s < self.time_s:
+            return
         if time_s > self.time_s:
             self._before, self._before_s = self.newest, self.time_s
         self.newest, self.time_s = tuple(objects), time_s
+
+    def forget(self) -> None:
+        """Know of no look."""
+        self._before, self._before_s = (), -math.inf
+        self.newest, self.time_s = (), -math.inf
 
     def vanished(self) -> str | None:
         """Return what was there in the look before and is not in the newest, if that shows nothing at all."""
@@ -60,8 +67,9 @@ class Sightings:
 
 
 def _apart_m(one: DetectedObject, other: DetectedObject) -> float:
-    """Level distance: the depth is told less well."""
-    return math.dist(one.position_m[:2], other.position_m[:2])
+    """Level distance, less what is open in centres of objects seen in part. The depth is told less well."""
+    open_m = 0.5 * max(*one.hidden_m, *other.hidden_m)
+    return max(math.dist(one.position_m[:2], other.position_m[:2]) - open_m, 0.0)
 
 
 def _place(target: DetectedObject) -> str:

@@ -63,6 +63,33 @@ def test_the_papers_objects_get_the_papers_modes_even_when_measured_5_mm_wrong(s
         assert choice.wrist_rotation_rad == pytest.approx(0.0, abs=1e-12)
 
 
+def test_a_rod_seen_in_part_is_judged_by_the_length_it_is_likely_to_have(selector):
+    part = (0.02, 0.02, 0.13)
+    assert selector.select(seen("cylinder", part)).mode == "short_rod"
+    assert selector.select(seen("cylinder", part, hidden_m=(0.02, 0.0))).mode == "short_rod"
+    choice = selector.select(seen("cylinder", part, hidden_m=(0.1, 0.0)))
+    assert choice.mode == "slender_rod" and "6.5 to 11.5 (seen in part)" in choice.reason
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 90.0, 35.0])
+def test_a_rod_seen_in_part_is_taken_where_its_centre_may_be_nearest_to_the_palm(selector, yaw_deg):
+    """Its middle lies 50 mm along its axis from the palm's, but the end that is hidden may be as much farther."""
+    along = np.array([math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))])
+    place = (*(0.05 * along), 0.09)
+    size = (0.02, 0.02, 0.18)
+    assert isinstance(selector.select(seen("cylinder", size, yaw_deg, position_m=place)), Refusal)
+    away = seen("cylinder", size, yaw_deg, position_m=place, hidden_m=(0.0, 0.2))
+    assert isinstance(selector.select(away), Refusal)
+    toward = seen("cylinder", size, yaw_deg, position_m=place, hidden_m=(0.06, 0.0))
+    choice = selector.select(toward)
+    assert choice.wrist_pose.position_m[:2] == pytest.approx(tuple(0.02 * along))
+
+
+def test_a_hidden_length_must_not_be_negative():
+    with pytest.raises(ValueError, match="hidden_m"):
+        rod(hidden_m=(-0.1, 0.0))
+
+
 @pytest.mark.parametrize(("length_m", "mode"), [(0.1599, "short_rod"), (0.1601, "slender_rod")])
 def test_slenderness_8_divides_short_rods_from_slender_ones(selector, length_m, mode):
     assert selector.select(seen("cylinder", (0.02, 0.02, length_m))).mode == mode
