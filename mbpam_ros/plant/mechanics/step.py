@@ -32,8 +32,7 @@ rounding.
 from __future__ import annotations
 
 import math
-import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +77,7 @@ from mbpam_ros.plant.mechanics.rigid_objects import (
 )
 from mbpam_ros.plant.mechanics.rod import LARGEST_STRETCH, Rod, masses_and_loads
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, dot, norm, row, vector
+from mbpam_ros.source_digest import source_digest
 
 OK, NOT_FINITE, TOO_FAST, NOT_SOLVED, TOO_BENT, TOO_LONG, TOO_DEEP = 0, 1, 2, 3, 4, 5, 6
 """What a step answers."""
@@ -482,7 +482,7 @@ _write, _read = access(_sample())
 
 
 def _cached(
-    source_digest: int,
+    digest: int,
 ) -> tuple[Callable[[Block, Parts], None], Callable[[Block, Array, Array], tuple[int, int]]]:
     """Compile ``_bind`` and ``advance`` into the cache on disk.
 
@@ -492,7 +492,7 @@ def _cached(
 
     @entry(cache=True)
     def _bind(bound: Block, parts: Parts) -> None:
-        if source_digest >= 0:
+        if digest >= 0:
             _write(bound, parts)
 
     @entry(cache=True, nogil=True)
@@ -506,7 +506,7 @@ def _cached(
             bound: the parts, from :func:`bind`.
             heights, rates: of the hand at the ends of all sub-steps, shape (n + 1,).
         """
-        if source_digest < 0:
+        if digest < 0:
             return NOT_SOLVED, 0
         return _advance(_read(bound), heights, rates)
 
@@ -517,14 +517,6 @@ def kernel_sources() -> list[Path]:
     """Return all files that hold compiled code of the step."""
     folders = (Path(__file__).parent, Path(surfaces.__file__).parent)
     return [source for folder in folders for source in sorted(folder.glob("*.py"))]
-
-
-def source_digest(sources: Iterable[Path]) -> int:
-    """Return a number that is another one when a file is."""
-    digest = 0
-    for source in sources:
-        digest = zlib.crc32(source.read_bytes(), digest)
-    return digest
 
 
 _bind, advance = _cached(source_digest(kernel_sources()))
