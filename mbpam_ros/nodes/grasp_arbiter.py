@@ -19,10 +19,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
-from mbpam_ros.grasp.arbitration import Arbiter, Decision, Phase, load_grasp_config
+from mbpam_ros.grasp.arbitration import Arbiter, Decision, Phase, build_selector, load_grasp_config
 from mbpam_ros.grasp.confirmation import StopConfirmation
 from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
-from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
+from mbpam_ros.grasp.selection import DetectedObject
 from mbpam_ros.grasp.watch import HealthWatch
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.answering import Reply
@@ -65,7 +65,7 @@ class GraspArbiterNode(GripperNode):
         gripper = load_gripper(self.text("gripper"))
         config = load_grasp_config(self.text("grasp"))
         modes = load_modes(self.text("modes"))
-        selector = ModeSelector(config.selection, gripper, modes)
+        selector = build_selector(config, gripper, modes)
         try:
             self._arbiter = Arbiter(
                 config.arbitration, modes, selector, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa

@@ -237,11 +237,10 @@ class PlantNode(GripperNode):
         palm = rise - (0.0, 0.0, PALM_SIZE_M[2] / 2.0)
         grey = colour((0.3, 0.3, 0.3))
         markers.append(solid_marker(self._stamp, WORLD_FRAME, "palm", 0, "box", PALM_SIZE_M, palm, upright, grey))
-        body, spec = observation.object_in_world, self._scene.object
-        if body is not None and spec is not None:
-            pose = (body.position_m, body.orientation_xyzw)
-            rgba = colour(spec.colour_rgb)
-            markers.append(solid_marker(self._stamp, WORLD_FRAME, "object", 0, spec.shape, spec.size_m, *pose, rgba))
+        for k, (placed, there) in enumerate(zip(self._scene.placed, observation.objects, strict=True)):
+            spec, namespace = placed.object, "object" if k == 0 else "other_object"
+            pose, rgba = (there.in_world.position_m, there.in_world.orientation_xyzw), colour(spec.colour_rgb)
+            markers.append(solid_marker(self._stamp, WORLD_FRAME, namespace, k, spec.shape, spec.size_m, *pose, rgba))
         self._markers.publish(MarkerArray(markers=markers))
 
     # Services

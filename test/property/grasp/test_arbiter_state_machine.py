@@ -92,7 +92,10 @@ class ArbiterMachine(RuleBasedStateMachine):
     def grasp(self, name):
         """A grasp as it should go: whole parts, vented chambers, an object in view, valves that follow."""
         self.make_idle()
-        self.arbiter.observe_detections(self.time_s, [graspable])
+        for _ in range(2):  # what was somewhere else a moment ago is not closed upon
+            self.pass_time(0.1)
+            self.read(np.zeros(16))
+            self.arbiter.observe_detections(self.time_s, [graspable])
         if name == "auto":
             self.request_auto()
         else:
