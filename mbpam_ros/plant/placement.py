@@ -43,7 +43,7 @@ def placed(scene: Scene, gripper: Gripper, config: PlantConfig, contact: bool) -
     if body is not None and contact:
         _refuse_inside_a_finger(scene, body, gripper)
     return TierSetup(
-        geometry=gripper.geometry,
+        geometry=gripper.rod_geometry,
         finger_base_m=gripper.finger_base_m,
         gravity_m_s2=scene.gravity_m_s2,
         body=body,
