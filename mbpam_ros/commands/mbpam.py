@@ -22,9 +22,12 @@ VERBS = (
     Verb(
         "grasps", "the least pressure that holds each of the paper's objects, and what holds it", "grasps", resumes=True
     ),
+    Verb("grip-table", "the least pressure that holds, by size, mass and friction", "grip_table", resumes=True),
+    Verb("judge-grips", "pressure by object beside pressure by mode, on random grasps", "judge_grips", resumes=True),
     Verb("peers", "CPU time at equal accuracy beside MuJoCo and PyElastica", "peers"),
     Verb("rod", "one muscle as a rod under loads in any posture, alone or beside finite elements", "rod"),
     Verb("fe", "the finite element muscle: beside the paper's, and the laws made from it", "fe"),
+    Verb("silicone", "constants of a silicone from its tensile test", "silicone"),
     Verb("metamodels", "metamodels of the muscle beside each other and the paper's", "metamodels", resumes=True),
     Verb("sample", "where to run finite elements so that few samples tell most", "sample", resumes=True),
     Verb("optimise", "the designs that bend furthest and press hardest, and a compromise", "optimise", resumes=True),

@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.nodes.markers import BASE_FRAME, colour, delete_all, solid_marker
+from mbpam_ros.nodes.markers import BASE_FRAME, colour, delete_all, mark_hidden_lengths, solid_marker
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.vision.background import BackgroundError
 from mbpam_ros.vision.camera import CameraData, CameraError, Intrinsics, camera_pose, load_camera_config
@@ -268,6 +268,7 @@ class ObjectDetectorNode(GripperNode):
                 colour(SHAPE_RGB, found.confidence),
             )
             marker.text = f"{found.label} ({found.bound})" if found.bound else found.label
+            mark_hidden_lengths(marker, found.hidden_m)
             markers.append(marker)
         self._detections.publish(MarkerArray(markers=markers))
 

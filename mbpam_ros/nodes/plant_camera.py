@@ -34,7 +34,7 @@ class PlantCamera:
     Args:
         node: publishes for it; its parameters ``camera`` and ``seed`` are read.
         gripper: size of the fingers.
-        scene: the object and its support.
+        scene: the objects and their support.
     """
 
     def __init__(self, node: GripperNode, gripper: Gripper, scene: Scene) -> None:
@@ -108,11 +108,16 @@ class PlantCamera:
             depth_m = support.depth_m + rise_m
             if support.half_size_m is not None and support.stand_height_m is not None:
                 half_size_m, floor_depth_m = support.half_size_m, depth_m + support.stand_height_m
-        solids: tuple[ColouredSolid, ...] = ()
-        body, spec = observation.object_in_gripper, self._scene.object
-        if body is not None and spec is not None:
-            size_m = np.array(spec.size_m)
-            solids = (ColouredSolid(spec.shape, size_m, body.position_m, body.orientation_xyzw, spec.colour_rgb),)
+        solids = tuple(
+            ColouredSolid(
+                placed.object.shape,
+                np.array(placed.object.size_m),
+                there.in_gripper.position_m,
+                there.in_gripper.orientation_xyzw,
+                placed.object.colour_rgb,
+            )
+            for placed, there in zip(self._scene.placed, observation.objects, strict=True)
+        )
         return SceneView(
             support_depth_m=depth_m,
             solids=solids,
@@ -139,9 +144,9 @@ def _pose_vector(observation: Observation) -> NDArray[np.float64]:
         observation.centreline_m.ravel() / STILL_DISTANCE_M,
         np.array([observation.hand_lift_m / STILL_DISTANCE_M]),
     ]
-    if observation.object_in_gripper is not None:
-        parts.append(observation.object_in_gripper.position_m / STILL_DISTANCE_M)
-        parts.append(observation.object_in_gripper.orientation_xyzw / STILL_TURN_RAD)
+    for there in observation.objects:
+        parts.append(there.in_gripper.position_m / STILL_DISTANCE_M)
+        parts.append(there.in_gripper.orientation_xyzw / STILL_TURN_RAD)
     return np.concatenate(parts)
 
 

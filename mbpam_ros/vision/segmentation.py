@@ -293,6 +293,31 @@ def split_by_depth(points_m: NDArray, region: Region, min_area: float) -> list[R
     return _grown(region, known & (high - low < _JUMP_M), min_area)
 
 
+def without_shadows(relative: NDArray, region: Region, parts: list[Region], min_area: float) -> list[Region]:
+    """What is left of ``region`` when those of its parts are taken away that only darken the table.
+
+    Args:
+        relative: (h, w, c), the image over the empty table, 128 where they are alike.
+        region: that was split.
+        parts: of it.
+        min_area: smaller remainders are dropped.
+    """
+    shadows = []
+    for part in parts:
+        mean = np.median(relative[part.window][part.mask].astype(np.float32), axis=0)
+        if mean.max() < _SHADED_BELOW and float(np.ptp(mean)) < _COLOURLESS * float(mean.max()):
+            shadows.append(part)
+    if not shadows or len(shadows) == len(parts):
+        return []
+    rest = region.mask.copy()
+    for part in shadows:
+        rows = slice(part.top - region.top, part.top - region.top + part.mask.shape[0])
+        columns = slice(part.left - region.left, part.left - region.left + part.mask.shape[1])
+        rest[rows, columns] &= ~part.mask
+    return _within(region, _cleaned(rest), max(min_area, _CLUSTER_SHARE * region.area))[:_MOST_PARTS]
+
+
+_SHADED_BELOW, _COLOURLESS = 124.0, 0.08
 _JUMP_M = 0.012
 _MOST_PARTS = 6
 

@@ -34,6 +34,9 @@ def fields(observation):
     flat = dataclasses.asdict(observation)
     for name in ("object_in_world", "object_in_gripper"):
         flat |= {f"{name}.{key}": value for key, value in (flat.pop(name) or {}).items()}
+    for there in flat.pop("objects"):
+        for part in ("in_world", "in_gripper", "forces"):
+            flat |= {f"{there['name']}.{part}.{key}": value for key, value in there[part].items()}
     return flat
 
 
