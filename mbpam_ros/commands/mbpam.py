@@ -22,6 +22,9 @@ VERBS = (
     Verb(
         "grasps", "the least pressure that holds each of the paper's objects, and what holds it", "grasps", resumes=True
     ),
+    Verb(
+        "faults", "faults of the machine at random: who sees them, how soon, what comes of it", "faults", resumes=True
+    ),
     Verb("peers", "CPU time at equal accuracy beside MuJoCo and PyElastica", "peers"),
     Verb("rod", "one muscle as a rod under loads in any posture, alone or beside finite elements", "rod"),
     Verb("fe", "the finite element muscle: beside the paper's, and the laws made from it", "fe"),

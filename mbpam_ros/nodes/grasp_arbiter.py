@@ -23,7 +23,15 @@ from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
 from mbpam_ros.grasp.watch import HealthWatch
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.markers import BASE_FRAME, SHAPES
-from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, pose, pose_arrays, with_answer
+from mbpam_ros.nodes.messages import (
+    MessageError,
+    findings_in,
+    joint_state,
+    named_values,
+    pose,
+    pose_arrays,
+    with_answer,
+)
 from mbpam_ros.nodes.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -164,6 +172,8 @@ class GraspArbiterNode(GripperNode):
             source = self._watched.get(status.name)
             if source is not None:
                 well = status.level in (DiagnosticStatus.OK, DiagnosticStatus.WARN)
+                if source == "valve_controller":
+                    self._arbiter.observe_findings(self.now_s(), findings_in(status))
                 air_on = not any(item.key == "enabled" and item.value == "false" for item in status.values)
                 self._watch.report(self.now_s(), source, well, status.message, air_on)
         self.publish_health_change()
