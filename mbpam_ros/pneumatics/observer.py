@@ -50,6 +50,8 @@ READINGS_KEPT = 8
 _MOMENT = np.arange(6) - 2.5
 _DOUBT_S = 0.5
 _GREATEST_LEAK_1_S = 2.0
+_NOMINAL_TICK_S = 0.01
+_SLOW_TICKS = 5
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,10 @@ _NAMED_AT_ONCE = (
 )  # fmt: skip
 _NONE = np.zeros(CHANNEL_COUNT, dtype=bool)
 _NONE.flags.writeable = False
+_ALL = ~_NONE
+_ALL.flags.writeable = False
+_ZEROS = np.zeros(CHANNEL_COUNT)
+_ZEROS.flags.writeable = False
 
 
 def _mask_of(channels: Collection[int]) -> Mask:
@@ -139,6 +145,17 @@ def _mask_of(channels: Collection[int]) -> Mask:
     mask = np.zeros(CHANNEL_COUNT, dtype=bool)
     mask[list(channels)] = True
     return mask
+
+
+class _Course(NamedTuple):
+    """One interval: length, readings before, how they moved, openings that may show in it, which were read."""
+
+    dt_s: float
+    last: Vector
+    moved: Vector
+    low: Vector
+    high: Vector
+    valid: Mask
 
 
 class _Look(NamedTuple):
@@ -158,12 +175,15 @@ class Observer:
 
     def __init__(self, config: ObserverConfig, valve: AssumedValve) -> None:
         self._config, self._valve = config, valve
+        alpha = -math.expm1(-2.0 * math.pi * valve.cutoff_hz * _NOMINAL_TICK_S)
+        self._filtered_noise_pa2 = valve.noise_pa**2 * alpha / (2.0 - alpha)
+        self._sound_noise_pa = math.sqrt(self._filtered_noise_pa2)
         self.begin_anew()
 
     def begin_anew(self) -> None:
         """Forget everything, findings too."""
         n = CHANNEL_COUNT
-        self._time_s, self._interval_s = -math.inf, 0.01
+        self._time_s, self._interval_s = -math.inf, _NOMINAL_TICK_S
         self._findings: dict[tuple[Fault, tuple[str, ...]], Finding] = {}
         self._masks: dict[tuple[Fault, ...], Mask] = {}
         self._odd_at_s = np.full(n, -math.inf)
@@ -174,6 +194,9 @@ class Observer:
         self._filled, self._filling = np.zeros(n), np.zeros(n)
         self._noise_pa2 = np.full(n, self._filtered_noise_pa2)
         self._lasting_noise_pa2 = self._noise_pa2.copy()
+        self._sigma_pa: Vector = np.sqrt(self._noise_pa2)
+        self._margin_pa: Vector = np.zeros(n)
+        self._ticks = 0
         self._leak_1_s = np.zeros(n)
         self._rises: dict[int, float] = {}
         self._looks: dict[int, _Look] = {}
@@ -234,12 +257,12 @@ class Observer:
     @property
     def sound_noise_pa(self) -> float:
         """Noise of a filtered reading by the data sheet [Pa]."""
-        return math.sqrt(self._filtered_noise_pa2)
+        return self._sound_noise_pa
 
     @property
     def reading_noise_pa(self) -> Vector:
         """Noise of the filtered readings as it is, shape (16,) [Pa]."""
-        return np.asarray(np.sqrt(self._noise_pa2))
+        return self._sigma_pa
 
     @property
     def at_rest(self) -> Mask:
@@ -249,11 +272,6 @@ class Observer:
     def mean_reading(self, ticks: int) -> Vector:
         """Return the mean of the last few readings, shape (16,) [Pa]."""
         return np.asarray(self._readings[-ticks:].mean(axis=0))
-
-    @property
-    def _filtered_noise_pa2(self) -> float:
-        alpha = -math.expm1(-2.0 * math.pi * self._valve.cutoff_hz * 0.01)
-        return self._valve.noise_pa**2 * alpha / (2.0 - alpha)
 
     def aim(self, target_gauge_pa: Vector, time_s: float) -> None:
         """Take the set-points, shape (16,): slopes and efforts of channels with a new one start anew."""
@@ -285,105 +303,133 @@ class Observer:
         if dt_s > 0.8 * config.lag_time_s:  # held up: valves close by themselves when no command comes
             self._low, self._high = np.minimum(self._low, 0.0), np.maximum(self._high, 0.0)
         self._interval_s += 0.1 * (dt_s - self._interval_s)
-        before = self._readings[-1]
-        valid = np.isfinite(before) & np.isfinite(pressure_gauge_pa)
-        last = np.where(valid, before, 0.0)
-        moved = np.where(valid, pressure_gauge_pa - last, 0.0)
+        before = self._readings[-1].copy()
         self._keep(pressure_gauge_pa)
-        low, high = self._low.min(axis=0), self._high.max(axis=0)
-        self._sum_up(dt_s, last, moved, low, high, valid)
-        self._estimate_noise(dt_s, moved, last, low, high)
-        self._judge(dt_s, last, moved, low, high, valid)
-        self._judge_slow(dt_s, moved, low, high, valid, last)
+        last, moved, valid = before, self._readings[-1] - before, _ALL
+        if not math.isfinite(moved.sum()):
+            valid = np.isfinite(moved)
+            last, moved = np.where(np.isfinite(before), before, 0.0), np.where(valid, moved, 0.0)
+        low = np.minimum(np.minimum(self._low[0], self._low[1]), self._low[2])
+        high = np.maximum(np.maximum(self._high[0], self._high[1]), self._high[2])
+        course = _Course(dt_s, last, moved, low, high, valid)
+        self._sum_up(course)
+        self._ticks += 1
+        if self._ticks % 2 == 0:
+            self._estimate_noise(course)
+        self._judge(course)
+        self._judge_slow(course)
         self._clear(valid, vented)
 
     def _keep(self, pressure_gauge_pa: Vector) -> None:
         self._readings[:-1] = self._readings[1:]
-        self._readings[-1] = np.where(np.isfinite(pressure_gauge_pa), pressure_gauge_pa, np.nan)
+        self._readings[-1] = pressure_gauge_pa
+        if not math.isfinite(pressure_gauge_pa.sum()):
+            self._readings[-1][~np.isfinite(pressure_gauge_pa)] = np.nan
 
     # Sums
 
-    def _sum_up(self, dt_s: float, last: Vector, moved: Vector, low: Vector, high: Vector, valid: Mask) -> None:
+    def _sum_up(self, course: _Course) -> None:
+        config, dt_s = self._config, course.dt_s
+        most, least = self._allowed(course)
+        up = self._up + course.moved - (most + config.move_slack_pa_s) * dt_s
+        slack = np.where(course.low > 0.0, config.follow_slack_pa_s, config.move_slack_pa_s)
+        down = self._down + (least - slack) * dt_s - course.moved
+        bound = 2.0 * config.move_threshold_pa + 12.0 * self._sigma_pa  # what stands must be able to go
+        self._up, self._down = np.minimum(np.maximum(up, 0.0), bound), np.minimum(np.maximum(down, 0.0), bound)
+        if course.valid is not _ALL:
+            self._up[~course.valid] = self._down[~course.valid] = 0.0
+
+    def _allowed(self, course: _Course) -> tuple[Vector, Vector]:
+        """Return the greatest and the least rate that openings allow, shape (16,) each; learn the valves' rates."""
         config, valve = self._config, self._valve
+        low, high, last = course.low, course.high, course.last
+        self._fills[:-1] = self._fills[1:]
+        self._fills[-1] = 0.0
+        if not (low.any() or high.any()):
+            return _ZEROS, _ZEROS
         slowest, fastest = config.slowest_ratio / valve.time_constant_s, config.fastest_ratio / valve.time_constant_s
         drop = valve.supply_gauge_pa - last
         fill_most = fastest * np.maximum(drop, valve.least_drop_pa)
         vent_most = fastest * np.maximum(last, valve.least_drop_pa)
         margin = config.move_threshold_pa
-        fill_least = slowest * np.maximum(drop - margin, 0.0) if self._supplied else np.zeros(CHANNEL_COUNT)
+        supplied = self._supplied
+        fill_least = slowest * np.maximum(drop - margin, 0.0) if supplied else _ZEROS
         vent_least = slowest * np.maximum(last - margin, 0.0)
         most = np.where(high > 0.0, high * fill_most, high * vent_least)
         least = np.where(low < 0.0, low * vent_most, low * fill_least)
-        if not self._supplied:  # what is open to an empty manifold flows back
+        filling = (low > 0.05) & course.valid
+        if not supplied:  # what is open to an empty manifold flows back
             least -= np.maximum(high, 0.0) * vent_most
-        slack = np.where(low > 0.0, config.follow_slack_pa_s, config.move_slack_pa_s)
-        bound = 2.0 * config.move_threshold_pa + 12.0 * self.reading_noise_pa  # what stands must be able to go
-        self._up = np.clip(self._up + moved - (most + config.move_slack_pa_s) * dt_s, 0.0, bound)
-        self._down = np.clip(self._down + (least - slack) * dt_s - moved, 0.0, bound)
-        self._up[~valid] = self._down[~valid] = 0.0
-        self._fill_most, self._vent_most = fill_most, vent_most
-        filling = (low > 0.05) & valid
-        fill = np.where(filling & self._supplied, low * np.maximum(drop, 0.0) / valve.time_constant_s * dt_s, 0.0)
-        self._fills[:-1] = self._fills[1:]
-        self._fills[-1] = fill
-        self._filling += fill
+        elif filling.any():
+            self._learn(filling, low * np.maximum(drop, 0.0) / valve.time_constant_s * course.dt_s, course.moved)
+        return most, least
+
+    def _learn(self, filling: Mask, fill_pa: Vector, moved: Vector) -> None:
+        """Compare what valves filled with what they should have, over a whole grasp."""
+        config = self._config
+        self._fills[-1] = np.where(filling, fill_pa, 0.0)
+        self._filling += self._fills[-1]
         self._filled += np.where(filling, moved, 0.0)
         known = self._filling > 20e3
         ratio = np.divide(self._filled, self._filling, out=np.ones(CHANNEL_COUNT), where=known)
-        self.gain = np.where(known, np.clip(ratio, config.slowest_ratio, config.fastest_ratio), self.gain)
+        ratio = np.minimum(np.maximum(ratio, config.slowest_ratio), config.fastest_ratio)
+        self.gain = np.where(known, ratio, self.gain)
 
     @property
     def _supplied(self) -> bool:
         """Whether the manifold is known to be full."""
         return self._supply_open and self._time_s - self._supply_since_s > 0.15
 
-    def _estimate_noise(self, dt_s: float, moved: Vector, last: Vector, low: Vector, high: Vector) -> None:
-        """Follow the noise of calm channels, a sample's share bounded so that one jump does not make it."""
+    def _estimate_noise(self, course: _Course) -> None:
+        """Follow the noise, every second sample; a sample's share is bounded, so that one jump does not make it."""
         second = self._readings[-1] - 2.0 * self._readings[-2] + self._readings[-3]
         calm = np.isfinite(second)
-        alpha = -math.expm1(-2.0 * math.pi * self._valve.cutoff_hz * dt_s)
+        alpha = -math.expm1(-2.0 * math.pi * self._valve.cutoff_hz * course.dt_s)
         share = 6.0 - 8.0 * (1.0 - alpha) + 2.0 * (1.0 - alpha) ** 2
-        sample = np.minimum(np.where(calm, second, 0.0) ** 2 / share, 100.0 * self._noise_pa2)
-        # What the valve itself can bend the reading by.
-        bent = (high - low) * self._fill_most * dt_s
-        sample = np.maximum(sample - bent * bent / share, 0.0)
-        self._noise_pa2 += np.where(calm, -math.expm1(-dt_s / 0.25) * (sample - self._noise_pa2), 0.0)
+        sample = np.minimum(second * second / share, 100.0 * self._noise_pa2)
+        swing = course.high - course.low
+        if swing.any():  # what the valve itself can bend the reading by
+            fastest = self._config.fastest_ratio / self._valve.time_constant_s * course.dt_s
+            bent = swing * fastest * np.maximum(self._valve.supply_gauge_pa - course.last, course.last)
+            sample = np.maximum(sample - bent * bent / share, 0.0)
+        if not calm.all():
+            sample = np.where(calm, sample, self._noise_pa2)
+        self._noise_pa2 += -math.expm1(-2.0 * course.dt_s / 0.25) * (sample - self._noise_pa2)
         self._noise_pa2 = np.maximum(self._noise_pa2, 0.1 * self._filtered_noise_pa2)
         # To name it slower, and with less of a single sample: one step is no noise.
         sample = np.minimum(sample, 50.0 * self._filtered_noise_pa2)
-        self._lasting_noise_pa2 += np.where(calm, -math.expm1(-dt_s / 0.5) * (sample - self._lasting_noise_pa2), 0.0)
+        self._lasting_noise_pa2 += -math.expm1(-2.0 * course.dt_s / 0.5) * (sample - self._lasting_noise_pa2)
+        self._sigma_pa = np.sqrt(self._noise_pa2)
+        self._margin_pa = 6.0 * np.maximum(self._sigma_pa - 2.0 * self.sound_noise_pa, 0.0)
 
     # Fast faults
 
-    def _judge(self, dt_s: float, last: Vector, moved: Vector, low: Vector, high: Vector, valid: Mask) -> None:
-        config = self._config
-        margin = 6.0 * np.maximum(self.reading_noise_pa - 2.0 * math.sqrt(self._filtered_noise_pa2), 0.0)
-        known = self._known
-        jumped = (
-            valid
-            & ~known
-            & (
-                (moved > self._fill_most * dt_s + config.jump_threshold_pa + margin)
-                | (-moved > self._vent_most * dt_s + config.jump_threshold_pa + margin)
-            )
-        )
-        if jumped.any():
-            self._name_jumps(np.flatnonzero(jumped), moved)
+    def _judge(self, course: _Course) -> None:
+        config, margin = self._config, self._margin_pa
+        if np.abs(course.moved).max() > config.jump_threshold_pa:
+            self._judge_jumps(course)
+        if self._up.max() > config.move_threshold_pa or self._down.max() > config.follow_threshold_pa:
             known = self._known
-        rises = (self._up > config.move_threshold_pa + margin) & ~known
-        falls = (
-            self._down > np.where(low > 0.0, config.follow_threshold_pa, config.move_threshold_pa) + margin
-        ) & ~known
-        for risen in np.flatnonzero(rises):
-            self._suspect_rise(int(risen), high)
-        for fallen in np.flatnonzero(falls):
-            self._suspect_fall(int(fallen), low, high)
+            least = np.where(course.low > 0.0, config.follow_threshold_pa, config.move_threshold_pa)
+            for risen in np.flatnonzero((self._up > config.move_threshold_pa + margin) & ~known):
+                self._suspect_rise(int(risen), course.high)
+            for fallen in np.flatnonzero((self._down > least + margin) & ~known):
+                self._suspect_fall(int(fallen), course.low, course.high)
         for channel in list(self._rises):
             if channel in self._rises:
                 self._judge_rise(channel)
         for channel in list(self._looks):
             if channel in self._looks:
                 self._judge_look(channel)
+
+    def _judge_jumps(self, course: _Course) -> None:
+        valve = self._valve
+        fastest = self._config.fastest_ratio / valve.time_constant_s * course.dt_s
+        beyond = self._config.jump_threshold_pa + self._margin_pa
+        fill = fastest * np.maximum(valve.supply_gauge_pa - course.last, valve.least_drop_pa)
+        vent = fastest * np.maximum(course.last, valve.least_drop_pa)
+        jumped = (course.moved > fill + beyond) | (-course.moved > vent + beyond)
+        self._name_jumps(np.flatnonzero(jumped & course.valid & ~self._known), course.moved)
 
     @property
     def _known(self) -> Mask:
@@ -490,52 +536,55 @@ class Observer:
 
     # Slow faults
 
-    def _judge_slow(self, dt_s: float, moved: Vector, low: Vector, high: Vector, valid: Mask, last: Vector) -> None:
+    def _judge_slow(self, course: _Course) -> None:
+        """Look at closed channels, every :data:`_SLOW_TICKS`-th sample."""
         config = self._config
-        closed = (low == 0.0) & (high == 0.0) & valid
-        self._closed_ticks = np.where(closed, self._closed_ticks + 1, 0)
-        counts = (self._closed_ticks > READINGS_KEPT) & (self._time_s > self._settled_at_s) & ~self._known
-        allowed = config.slow_rate_pa_s * dt_s
-        self._gone = np.where(counts, np.maximum(0.0, self._gone - moved - allowed), self._gone)
-        self._come = np.where(counts, np.maximum(0.0, self._come + moved - allowed), self._come)
-        self._slope.add(self._readings[-1], dt_s, counts)
-        self._judge_noise()
-        unknown = ~self._known & ~self.channels(Fault.LEAK_OR_DRIFT, Fault.DRIFT)
-        enough = 1500.0 + 8.0 * self.reading_noise_pa
+        closed = (course.low == 0.0) & (course.high == 0.0) & course.valid
+        self._closed_ticks = (self._closed_ticks + 1) * closed
+        self._judge_effort(course)
+        if self._ticks % _SLOW_TICKS != 0:
+            return
+        settled = self._time_s > self._settled_at_s
+        counts = (self._closed_ticks >= READINGS_KEPT) & settled & ~self._known
+        moved = np.where(counts, self._readings[-1] - self._readings[-1 - _SLOW_TICKS], 0.0)
+        allowed = config.slow_rate_pa_s * _SLOW_TICKS * course.dt_s * counts
+        self._gone = np.maximum(0.0, self._gone - moved - allowed)
+        self._come = np.maximum(0.0, self._come + moved - allowed)
+        self._slope.add(self._readings[-1], _SLOW_TICKS * course.dt_s, counts)
         # What moves fast is left to the other sums.
-        moves = (np.maximum(self._gone, self._come) > enough) & (np.maximum(self._up, self._down) < 500.0)
-        steadily = self._slope.steady(config.slow_rate_pa_s, self.reading_noise_pa)
-        for channel in np.flatnonzero((moves | steadily) & unknown):
+        moves = (np.maximum(self._gone, self._come) > 1500.0 + 8.0 * self._sigma_pa) & (
+            np.maximum(self._up, self._down) < 500.0
+        )
+        steadily = self._slope.steady(config.slow_rate_pa_s, self._sigma_pa)
+        for channel in np.flatnonzero((moves | steadily) & self._unnamed):
             self._name_slow(int(channel))
-        self._judge_effort(dt_s, low, high, last, valid, unknown)
+        self._judge_noise(settled)
+
+    @property
+    def _unnamed(self) -> Mask:
+        """Channels about whose slow movements something new may be said."""
+        return ~(self._known | self.channels(Fault.LEAK_OR_DRIFT, Fault.DRIFT))
 
     def _name_slow(self, channel: int) -> None:
         rate_pa_s = self._slope.rate(channel)
         self._find_slow(channel, rate_pa_s, "with its valve closed")
         self._forget_slow(np.arange(CHANNEL_COUNT) == channel)
 
-    def _judge_effort(self, dt_s: float, low: Vector, high: Vector, last: Vector, valid: Mask, unknown: Mask) -> None:
+    def _judge_effort(self, course: _Course) -> None:
         """Compare what valves had to add with what came of it, a second at a time."""
-        config, valve = self._config, self._valve
-        opening = 0.5 * (self._low[-2] + self._high[-2])
-        drop = np.where(opening > 0.0, np.maximum(valve.supply_gauge_pa - last, 0.0), np.maximum(last, 0.0))
-        rate = opening * drop / valve.time_constant_s
-        self._effort_pa += rate * dt_s
-        suspects = self.channels(Fault.LEAK_OR_DRIFT)
-        if suspects.any():
-            self._unexplained_pa += np.where(suspects, self.gain * rate * dt_s, 0.0)
-            over = suspects & (np.abs(self._unexplained_pa) > config.unexplained_limit_pa)
-            for channel in np.flatnonzero(over):
-                moved_pa = float(self._unexplained_pa[channel])
-                self._withdraw(np.arange(CHANNEL_COUNT) == channel, Fault.LEAK_OR_DRIFT)
-                evidence = f"{1e-3 * moved_pa:+.1f} kPa of air moved to keep a reading that no one can vouch for"
-                self._find(Fault.DRIFT if moved_pa > 0.0 else Fault.RISES, (int(channel),), evidence, 0.5)
-        self._effort_s += dt_s
-        settled = (self._time_s > self._settled_at_s + 1.0) & valid
+        config = self._config
+        opening = self._low[-2]
+        if opening.any():
+            drop = np.where(opening > 0.0, self._valve.supply_gauge_pa - course.last, course.last)
+            added = opening * np.maximum(drop, 0.0) / self._valve.time_constant_s * course.dt_s
+            self._effort_pa += added
+            self._judge_unexplained(added)
+        self._effort_s += course.dt_s
         if self._effort_s < 1.0:
             return
+        settled = (self._time_s > self._settled_at_s + 1.0) & course.valid
         lost = config.slowest_ratio * self._effort_pa - (self._readings[-1] - self._effort_from_pa)
-        here = settled & unknown & np.isfinite(self._effort_from_pa)
+        here = settled & self._unnamed & np.isfinite(self._effort_from_pa)
         for channel in np.flatnonzero(here & (np.abs(self._effort_pa) > 3e3)):
             shown_pa_s = -lost[channel] if self._effort_pa[channel] < 0.0 else lost[channel]
             if shown_pa_s > 1.0e3:
@@ -544,12 +593,23 @@ class Observer:
         self._effort_pa, self._effort_s = np.zeros(CHANNEL_COUNT), 0.0
         self._effort_from_pa = np.where(settled, self._readings[-1], np.nan)
 
-    def _judge_noise(self) -> None:
+    def _judge_unexplained(self, added: Vector) -> None:
+        """End what no one can vouch for once a good deal of air was moved for it."""
+        suspects = self.channels(Fault.LEAK_OR_DRIFT)
+        if not suspects.any():
+            return
+        self._unexplained_pa += np.where(suspects, self.gain * added, 0.0)
+        for channel in np.flatnonzero(suspects & (np.abs(self._unexplained_pa) > self._config.unexplained_limit_pa)):
+            moved_pa = float(self._unexplained_pa[channel])
+            self._withdraw(np.arange(CHANNEL_COUNT) == channel, Fault.LEAK_OR_DRIFT)
+            evidence = f"{1e-3 * moved_pa:+.1f} kPa of air moved to keep a reading that no one can vouch for"
+            self._find(Fault.DRIFT if moved_pa > 0.0 else Fault.RISES, (int(channel),), evidence, 0.5)
+
+    def _judge_noise(self, settled: Mask) -> None:
         ratio2 = self._lasting_noise_pa2 / self._filtered_noise_pa2
-        most = self._config.noise_ratio**2
-        noisy = self.channels(Fault.NOISY)
-        for channel in np.flatnonzero((ratio2 > most) & ~noisy & (self._time_s > self._settled_at_s)):
-            raw_pa = self.reading_noise_pa[channel] / self.sound_noise_pa * self._valve.noise_pa
+        loud = (ratio2 > self._config.noise_ratio**2) & settled & ~self.channels(Fault.NOISY)
+        for channel in np.flatnonzero(loud):
+            raw_pa = self._sigma_pa[channel] / self.sound_noise_pa * self._valve.noise_pa
             evidence = f"noise of {raw_pa:.0f} Pa, the data sheet has {self._valve.noise_pa:.0f} Pa"
             self._find(Fault.NOISY, (int(channel),), evidence, 0.99)
 
@@ -704,8 +764,7 @@ class _Slopes:
 
     def steady(self, allowed_pa_s: float, noise_pa: Vector) -> Mask:
         """Return which channels had two spans running a slope of one sign beyond what is allowed and noise."""
-        # 2: neighbouring readings share their noise through the filter; 4 of its standard deviations, twice.
-        least = allowed_pa_s + 4.0 * 2.0 * noise_pa / np.sqrt(np.maximum(self._last_tt, 1e-12)) * 0.5
+        least = allowed_pa_s + 4.0 * noise_pa / np.sqrt(np.maximum(self._last_tt, 1e-12))
         both = np.minimum(np.abs(self._last), np.abs(self._before))
         return np.asarray((both > least) & (self._last * self._before > 0.0))
 

@@ -34,6 +34,7 @@ from mbpam_ros.pneumatics.probing import Prober
 from mbpam_ros.pneumatics.supply_valve import SupplyValve
 
 Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 CLOSED_BY = (
     Fault.RISES, Fault.NOT_FOLLOWING, Fault.NOT_VENTING, Fault.JUMPED, Fault.SWAPPED, Fault.DRIFT, Fault.SLOW_VALVE,
@@ -98,6 +99,7 @@ class GuardedValves:
         self._supply.open = switched_on
         self._watchdog_s, self._read_at_s = loops.watchdog_s, -math.inf
         self._findings: tuple[Finding, ...] = ()
+        self._compensates = False
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -120,9 +122,13 @@ class GuardedValves:
         if np.isfinite(pressure).any():
             self._read_at_s = time_s
         self._observer.update(time_s, pressure, self._supply.open, self.controller.vented)
-        self._observer.aim(self.controller.setpoint, time_s)
-        self.controller.compensate(self._observer.leak_1_s)
-        spool = self._restrained(time_s, pressure, spool)
+        target = self.controller.setpoint
+        self._observer.aim(target, time_s)
+        if self._observer.findings or self._compensates:
+            leak_1_s = self._observer.leak_1_s
+            self._compensates = bool(leak_1_s.any())
+            self.controller.compensate(leak_1_s)
+        spool = self._restrained(time_s, pressure, spool, target)
         self._observer.commanded(spool)
         return self._command(time_s, spool)
 
@@ -136,29 +142,36 @@ class GuardedValves:
         self._prober.abort()
         return self._command(time_s, spool)
 
-    def _restrained(self, time_s: float, pressure: Vector, spool: Vector) -> Vector:
+    def _restrained(self, time_s: float, pressure: Vector, spool: Vector, target: Vector) -> Vector:
         """Return what findings and test pulses leave of the loops' openings."""
         observer = self._observer
         if self.controller.vented:
             self._prober.abort()
             return spool
-        over = self.controller.in_over_pressure
-        closed = (observer.channels(*CLOSED_BY) | observer.looked_at | observer.rising) & ~over
+        closed = observer.channels(*CLOSED_BY) | observer.looked_at | observer.rising
         if closed.any():
+            closed &= ~self.controller.in_over_pressure
             self.controller.restart(closed)
             spool = np.where(closed, 0.0, spool)
         if observer.supply_low:
             spool = np.minimum(spool, 0.0)
-        at_rest = observer.at_rest & np.isfinite(pressure)
-        held = self.controller.enabled & (self.controller.setpoint > 0.0) & ~closed & ~over
-        ready = held & ((at_rest & self.controller.resting) | self._prober.tested)
-        if observer.supply_low or not self._supply.open:
-            ready &= False
-        self._prober.update(time_s, ready, at_rest | self._prober.tested, observer.in_doubt)
+        self._probe(time_s, target, closed)
         tested = self._prober.tested
         if not tested.any():
             return spool
         return np.where(tested, self._prober.openings(time_s, pressure), spool)
+
+    def _probe(self, time_s: float, target: Vector, closed: Mask) -> None:
+        """Let test pulses begin or go on where a held channel rests."""
+        observer, tested = self._observer, self._prober.tested
+        held = (target > 0.0) & ~closed
+        if observer.supply_low or not (self._supply.open and self.controller.enabled and held.any()):
+            self._prober.abort()
+            return
+        read = np.isfinite(observer.mean_reading(1))
+        at_rest = observer.at_rest & read
+        ready = held & ((at_rest & self.controller.resting) | (tested & read)) & ~self.controller.in_over_pressure
+        self._prober.update(time_s, ready, at_rest | tested, observer.in_doubt)
 
     def _command(self, time_s: float, spool: Vector) -> ValveCommand:
         faults = self.controller.faults
@@ -170,10 +183,13 @@ class GuardedValves:
             rising=bool((self._observer.rising | self._observer.channels(Fault.RISES)).any()),
             blind=time_s - self._read_at_s > self._watchdog_s,
         )
+        if all(fault is ValveFault.NONE for fault in faults):
+            self._findings = self._observer.findings
+            return ValveCommand(spool, supply_open)
         of_loops = tuple(
             Finding(_OF_LOOPS[fault][0], (name,), _OF_LOOPS[fault][1], 1.0)
             for name, fault in zip(CHANNEL_NAMES, faults, strict=True)
             if fault in _OF_LOOPS
         )
-        self._findings = (*of_loops, *self._observer.findings) if of_loops else self._observer.findings
+        self._findings = (*of_loops, *self._observer.findings)
         return ValveCommand(spool, supply_open)
