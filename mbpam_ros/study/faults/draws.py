@@ -38,6 +38,7 @@ class FaultRow:
         any_channel: whether it befalls any of the sixteen; otherwise one that the grasp inflates: what an empty chamber
             that stays empty shows is the same with and without the fault.
         watch_s: for how long it is waited for.
+        after_s: for how long the gripper is watched after it was found.
     """
 
     name: str
@@ -48,6 +49,7 @@ class FaultRow:
     phases: tuple[PhaseName, ...] = ("closing", "holding")
     any_channel: bool = False
     watch_s: float = 6.0
+    after_s: float = 2.5
 
     def draw(self, random: np.random.Generator, inflated: NDArray[np.bool_]) -> MachineFault:
         """Return a fault of this row.
@@ -77,7 +79,7 @@ ROWS = (
     FaultRow("stuck but noisy", "stuck_noisy"),
     FaultRow("reads 0 with noise", "reads_zero"),
     FaultRow("reads too much or too little at once", "reads_offset", 5e3, 60e3, either_sign=True, phases=("holding",)),
-    FaultRow("drift", "drift", 0.3e3, 3e3, either_sign=True, phases=("holding",), watch_s=12.0),
+    FaultRow("drift", "drift", 0.3e3, 3e3, either_sign=True, phases=("holding",), watch_s=12.0, after_s=10.0),
     FaultRow("noise", "noise", 5.0, 20.0),
     FaultRow("two channels swapped", "swapped"),
     FaultRow("broken wire", "wire", any_channel=True),
@@ -87,8 +89,8 @@ ROWS = (
     FaultRow("valve stuck closed", "valve_closed"),
     FaultRow("valve slow", "valve_slow", 0.1, 0.4),
     FaultRow("leak", "leak", 1.0, 8.0),
-    FaultRow("small leak", "leak", 20.0, 200.0, phases=("holding",), watch_s=12.0),
-    FaultRow("a valve leaks in", "leaks_in", 2.0, 50.0, phases=("idle", "holding"), watch_s=8.0),
+    FaultRow("small leak", "leak", 20.0, 200.0, phases=("holding",), watch_s=12.0, after_s=10.0),
+    FaultRow("a valve leaks in", "leaks_in", 2.0, 50.0, phases=("idle", "holding"), watch_s=8.0, after_s=6.0),
     FaultRow("supply sags", "supply", 0.1, 0.55),
     FaultRow("supply gone", "supply"),
 )

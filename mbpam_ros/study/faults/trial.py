@@ -17,14 +17,14 @@ from mbpam_ros.pneumatics.findings import SUPPLY
 from mbpam_ros.pneumatics.machine_faults import MachineFault
 from mbpam_ros.pneumatics.sensing import ChannelStatus
 from mbpam_ros.simulation import TICK_S, Simulation
-from mbpam_ros.study.faults.draws import SCENES, PhaseName, row_named
+from mbpam_ros.study.faults.draws import SCENES, FaultRow, PhaseName, row_named
 
 LIMIT_PA = 1.02 * 110e3
 """A chamber may be above this for 20 ms."""
 
 SAFE_PA = 110e3
 DOWN_PA = 5e3
-_REST_S, _LIFT_S, _BACK_S, _TAIL_S = 0.3, 1.2, 12.0, 2.0
+_REST_S, _LIFT_S, _BACK_S = 0.3, 1.2, 12.0
 KEPT_SHARE = 0.9
 """An object that is still up by this part of the hand's rise is kept."""
 
@@ -94,7 +94,7 @@ def trial_row(name: str, row_name: str, phase: PhaseName, tier: str, seed: int) 
     channel = SUPPLY if fault.kind == "supply" else CHANNEL_NAMES[fault.channel]
     course = Course(row_name, phase, tier, scene_name, channel, fault.size)
     try:
-        _watch(simulation, fault, row.watch_s, course)
+        _watch(simulation, fault, row, course)
         if phase == "holding":
             course.object_kept = start_m - _height_m(simulation) > KEPT_SHARE * simulation.seen.hand_lift_m
         _go_back(simulation, course)
@@ -103,10 +103,10 @@ def trial_row(name: str, row_name: str, phase: PhaseName, tier: str, seed: int) 
     return {"job": name, **asdict(course)}
 
 
-def _watch(simulation: Simulation, fault: MachineFault, watch_s: float, course: Course) -> None:
-    """Inject the fault and follow the gripper for a while after it was found, at most ``watch_s`` before."""
+def _watch(simulation: Simulation, fault: MachineFault, row: FaultRow, course: Course) -> None:
+    """Inject the fault and follow the gripper for a while after it was found."""
     begun_s = simulation.seen.time_s
-    end_s = begun_s + watch_s + _TAIL_S
+    end_s = begun_s + row.watch_s
     above_s = high_s = 0.0
     unsafe_until_s = begun_s
     simulation.inject(fault)
@@ -123,11 +123,12 @@ def _watch(simulation: Simulation, fault: MachineFault, watch_s: float, course: 
         )
         if not course.detected_by:
             _look_for_a_word(simulation, fault, since_s, course)
+            if course.detected_by:
+                end_s = simulation.seen.time_s + row.after_s
         if not course.detected_by or highest_pa > SAFE_PA:
             unsafe_until_s = simulation.seen.time_s
-        for finding in simulation.findings:
-            if finding.text.split(" (")[0] not in {each.split(" (")[0] for each in course.findings}:
-                course.findings.append(finding.text)
+        said = {each.split(" (")[0] for each in course.findings}
+        course.findings += [each.text for each in simulation.findings if each.text.split(" (")[0] not in said]
     if course.detected_by and unsafe_until_s < simulation.seen.time_s - 1e-9:
         course.safe_s = unsafe_until_s - begun_s
     course.answer = _answer(simulation)
