@@ -26,17 +26,19 @@ import numpy as np
 import psutil
 from domain_coordinator import domain_id
 from rclpy.client import Client
-from sensor_msgs.msg import JointState
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Image, JointState
 from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.commands.workers import refuse_workers
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.interface import NODES
-from mbpam_ros.nodes.messages import joint_state
+from mbpam_ros.nodes.messages import joint_state, rgb_image, seconds
 from mbpam_ros.nodes.runtime import NEWEST, STREAM
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.study.judge.hostile import hostile_images
 from mbpam_ros.study.provenance import processor
 from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import Progress, table
@@ -52,6 +54,10 @@ WAIT_S = 20.0
 ALONE_S = 5.0
 LOCK_STEP_S = 5.0
 SETPOINT_PA = 20e3
+HOSTILE_HZ = 20.0
+HOSTILE_SIZE_PX = (800, 480)
+"""That of the simulated camera, whose camera_info goes with the images."""
+HOSTILE_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 RESPONSE = 0.02
 """An opening beyond this answers a set-point; at rest a valve is closed."""
 
@@ -116,6 +122,7 @@ class Bench:
             ("six processes", self._six_processes),
             ("set-point to valve command", self._setpoint_delay),
             ("bringup", self._bringup),
+            ("bringup, hostile images", self._hostile_images),
             ("plant alone", self._plant_alone),
             ("lock step, one process", lambda: self._lock_step(["bringup"])),
             ("lock step, six processes", lambda: self._lock_step(NODES)),
@@ -152,6 +159,33 @@ class Bench:
             # The simulated camera repeats the image of a still scene, which the detector passes over; a real one
             # never does. This is what rendering and detecting cost on top.
             self._cpu("bringup, hand moving", processes, during=lambda duration_s: self._move(operator, duration_s))
+
+    def _hostile_images(self) -> None:
+        """Time between valve commands, by their stamps, while images come that take the detector all its time."""
+        scene = ["-p", f"plant:scene:={self._plan.scene}", "-p", f"object_detector:max_rate_hz:={HOSTILE_HZ}"]
+        with self._running("hostile", ["bringup"], {"bringup": scene}) as (_, operator):
+            self._hold(operator)
+            stamps_s: list[float] = []
+            operator.node.create_subscription(
+                JointState,
+                "valve_commands",
+                lambda message: stamps_s.append(seconds(message.header.stamp)),
+                HOSTILE_QOS,
+            )
+            images = operator.node.create_publisher(Image, "camera/image_raw", STREAM)
+            operator.wait_for(lambda: bool(stamps_s) and images.get_subscription_count() > 0, WAIT_S, "valve commands")
+            messages = [rgb_image(pixels) for pixels in hostile_images(*HOSTILE_SIZE_PX)]
+            for index in range(self._plan.calls):
+                self._line.show(f"hostile image {index}")
+                images.publish(messages[index % len(messages)])
+                self._wait(operator, 1.0 / HOSTILE_HZ)
+            gaps_ms = 1e3 * np.diff(stamps_s)
+            count, span = len(gaps_ms), (float(gaps_ms.min()), float(gaps_ms.max()))
+            name = f"valve commands under {self._plan.calls} hostile images, "
+            self.figures.append(Figure(f"{name}longest gap of {count}", span[1], "ms", 30.0, *span))
+            self.figures.append(Figure(f"{name}gap p99", float(np.percentile(gaps_ms, 99)), "ms", None, *span))
+            if operator.grasp.get("phase") != "holding":
+                self.failures.append(f"hostile images: the grasp was lost, {operator.grasp.get('reason')}")
 
     def _service_times(self, operator: Operator) -> None:
         """Time services of three nodes that change nothing in an idle gripper."""

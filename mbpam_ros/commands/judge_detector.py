@@ -5,6 +5,11 @@
 Two renderers: MuJoCo off-screen (extra "bench"; MUJOCO_GL=egl or osmesa), with tables, lamps, cameras, shapes,
 textures and clutter at random, and the simulated palm camera's own. Each image is looked at alone, with images of the
 empty table, and with a depth image. The sets "tune" and "report" share no table and no mesh. Same seed, same images.
+
+    mbpam judge-detector --set tune --images 200 --fit detector.yaml
+
+fits the weights of the confidence to all that the detector weighs in these images, and writes a detector file with
+them.
 """
 
 from __future__ import annotations
@@ -14,7 +19,11 @@ import os
 from collections import defaultdict
 from pathlib import Path
 
+from mbpam_ros.configuration import config_path
 from mbpam_ros.study.judge.judge import Judged, contact_sheet, figures, judge_scenes, without_budget
+from mbpam_ros.study.judge.reliability_diagram import draw_reliability
+from mbpam_ros.study.judge.tuning import refitted, with_weights
+from mbpam_ros.study.pictures import require_matplotlib
 from mbpam_ros.study.provenance import machine, versions
 from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import Progress, table
@@ -35,12 +44,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--detector", default="detector.yaml", metavar="YAML", help="thresholds and weights")
     parser.add_argument("--all-the-time", action="store_true", help="without the budget of processor time")
     parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
+    parser.add_argument(
+        "--fit", type=Path, metavar="YAML", help="where a detector file goes, its weights fitted to these images"
+    )
+    parser.add_argument("--diagram", type=Path, metavar="FILE", help="where the reliability diagram goes")
     parser.add_argument("--sheet", type=Path, metavar="FILE", help="where a picture of the worst images goes")
 
 
 def run(options: argparse.Namespace) -> int:
     """Judge, print the table and write the figures."""
     os.environ.setdefault("MUJOCO_GL", "egl")
+    if options.diagram is not None:
+        require_matplotlib()
     config = load_detector_config(options.detector)
     if options.all_the_time:
         config = without_budget(config)
@@ -63,6 +78,12 @@ def run(options: argparse.Namespace) -> int:
         made_with = {**machine(), **versions("numpy", "opencv-python-headless")}
         settings = {"images": options.images, "seed": options.seed, "set": options.set, **made_with}
         write_json(options.json, {"settings": settings, "figures": content})
+    if options.fit is not None:
+        of_sources = {source: [row for name in options.renderers for row in judged[name, source]] for source in SOURCES}
+        text = config_path(options.detector).read_text(encoding="utf-8")
+        options.fit.write_text(with_weights(text, refitted(config, of_sources)), encoding="utf-8")
+    if options.diagram is not None:
+        draw_reliability({name: values["reliability"] for name, values in content.items()}, options.diagram)
     if options.sheet is not None:
         write_image(options.sheet, contact_sheet([item for items in judged.values() for item in items]))
     return 0

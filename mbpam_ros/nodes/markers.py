@@ -69,6 +69,33 @@ def solid_marker(
     return marker
 
 
+def mark_hidden_lengths(marker: Marker, hidden_m: Sequence[float]) -> None:
+    """Note in a cylinder's or box's marker how much farther its length may reach at either end.
+
+    As two points of its own frame, the farthest that its ends may be; a marker without points is seen to its ends.
+    """
+    if any(hidden_m):
+        axis, length_m = _length_axis(marker)
+        for sign, hidden in zip((-1.0, 1.0), hidden_m, strict=True):
+            end = np.zeros(3)
+            end[axis] = sign * (0.5 * length_m + hidden)
+            marker.points.append(point(end))
+
+
+def hidden_lengths(marker: Marker) -> tuple[float, float]:
+    """Return what :func:`mark_hidden_lengths` noted [m]; what reaches less far than the marker itself hides nothing."""
+    if len(marker.points) != 2:
+        return 0.0, 0.0
+    axis, length_m = _length_axis(marker)
+    first, second = ((end.x, end.y, end.z)[axis] for end in marker.points)
+    return max(-first - 0.5 * length_m, 0.0), max(second - 0.5 * length_m, 0.0)
+
+
+def _length_axis(marker: Marker) -> tuple[int, float]:
+    """The axis along which a solid's length lies, z of a cylinder and y of a box, and the length [m]."""
+    return (2, marker.scale.z) if marker.type == Marker.CYLINDER else (1, marker.scale.y)
+
+
 def delete_all(stamp: Time, frame_id: str) -> Marker:
     """Return the marker that clears what was drawn before."""
     marker = _marker(stamp, frame_id, "", 0, Marker.SPHERE)

@@ -12,7 +12,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3Stamped
 from numpy.typing import ArrayLike, NDArray
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Image, JointState
 from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.answer import Answer
@@ -79,6 +79,14 @@ class JointStateForm:
         message.header.stamp = stamp
         message.position, message.velocity, message.effort = floats(position), floats(velocity), floats(effort)
         return message
+
+
+def rgb_image(pixels: NDArray[np.uint8]) -> Image:
+    """Return pixels, (H, W, 3) rgb8, as a message without header."""
+    height, width, _ = pixels.shape
+    image = Image(encoding="rgb8", height=height, width=width, step=3 * width)
+    image.data = array.array("B", np.ascontiguousarray(pixels).tobytes())
+    return image
 
 
 def named_values(

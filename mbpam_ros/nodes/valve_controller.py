@@ -8,17 +8,20 @@ from typing import TYPE_CHECKING
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
 import numpy as np
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
+from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.responses import goes_on
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds, with_answer
+from mbpam_ros.nodes.heartbeat import Instance
+from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds
 from mbpam_ros.nodes.parameters import Parameter
-from mbpam_ros.nodes.stamps import StampClock
+from mbpam_ros.nodes.publishers import rival_publishers
+from mbpam_ros.nodes.stamps import CLOCK_TOLERANCE, StampClock
 from mbpam_ros.pneumatics.air_switch import Air
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.controller import ControllerInputError, SetpointError
@@ -34,7 +37,14 @@ PARAMETERS = (
     Parameter("enable_at_start", False, "follow set-points from the start, without valve_controller/enable"),
     Parameter("supply_valve", True, "command the valve before all others, by the name supply; false: there is none"),
     Parameter("watchdog_rate_hz", 50.0, "how often silence of the pressures is looked for [Hz]", 10.0, 1000.0),
+    Parameter("grasp_arbiter_node", "grasp_arbiter", "name of the node that decides"),
+    CLOCK_TOLERANCE,
 )
+
+SOLE_PUBLISHER_TOPICS = ("transducers", "chamber_states", "pressure_setpoints", "grasp_state", "valve_commands")
+"""What moves air, and what it is moved by: two who publish one of these are a fault."""
+
+PUBLISHERS_LOOK_S = 0.25
 
 
 class ValveControllerNode(GripperNode):
@@ -50,7 +60,8 @@ class ValveControllerNode(GripperNode):
         except ValueError as error:
             raise ConfigError(f"{self.value('gripper')} against {self.value('pneumatics')}: {error}") from error
         self._hold_time_s = config.controller.hold_time_s
-        self._clock_of_pressures = StampClock()
+        self._clock_of_pressures = StampClock(config.controller.watchdog_s, self.number("clock_tolerance_s"))
+        self._clock_of_setpoints = StampClock(tolerance_s=self.number("clock_tolerance_s"))
         self._switch = self._valves.switch
         self._has_supply_valve = bool(self.value("supply_valve"))
         if not self._has_supply_valve:
@@ -58,22 +69,33 @@ class ValveControllerNode(GripperNode):
 
         self._commands = self.create_publisher(JointState, "valve_commands", STREAM)
         self._openings = JointStateForm((*CHANNEL_NAMES, SUPPLY) if self._has_supply_valve else CHANNEL_NAMES)
+        self._state = self.create_publisher(DiagnosticStatus, "valve_controller/state", LATCHED)
+        self._publishers_contested: str | None = None
         self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
         self.create_subscription(JointState, "pressure_setpoints", self._on_setpoints, STREAM)
         self.create_subscription(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
-        self.create_service(SetBool, "valve_controller/enable", self._on_enable)
+        self.serve(SetBool, "valve_controller/enable", self._on_enable)
+        self.serve(
+            Trigger, "valve_controller/vent", lambda _: self._change(self._switch.vent("asked for by an operator"))
+        )
+        self.serve(Trigger, "valve_controller/clear", lambda _: self._change(self._switch.clear()))
+        self.watch_node(self.text("grasp_arbiter_node"), self._on_arbiters)
         self.create_timer(1.0 / self.number("watchdog_rate_hz"), self._on_silence)
+        self.create_timer(PUBLISHERS_LOOK_S, self._look_at_publishers, clock=self._steady_clock)
+        self._publish_state()
 
     def health(self) -> Health:
         """ERROR with the channels at fault; WARN while the air is off."""
         findings = self._valves.findings
         faults = {name: str(finding) for finding in findings for name in finding.channels}
         air = self._switch.air
-        values = {"enabled": str(self._switch.switched_on).lower(), "air": air.value, **faults}
+        values = {**self._air_values(), **faults}
         if findings:
             harmless = all(goes_on(finding.fault) for finding in findings)
             level = DiagnosticStatus.WARN if harmless else DiagnosticStatus.ERROR
             return Health(level, f"{len(faults)} channels at fault: {findings[0].text}", values)
+        if self._switch.objection is not None:
+            return Health(DiagnosticStatus.ERROR, self._switch.objection, values)
         if air is not Air.REGULATE:
             return Health(DiagnosticStatus.WARN, f"{air.value} after a stop or fault; see grasp_state", values)
         if not self._switch.switched_on:
@@ -84,8 +106,61 @@ class ValveControllerNode(GripperNode):
         """Close the valves (or vent, where all vents): nobody will move them afterwards."""
         self._publish(self.now_stamp(), self._valves.parting)
 
+    def rivals_changed(self) -> None:
+        """Move no air while another valve controller commands the same valves."""
+        rivals = ", ".join(rival.words for rival in self.rivals)
+        self._contest("name", f"another {self.get_fully_qualified_name()} runs: {rivals}" if rivals else None)
+
+    def _on_arbiters(self, alive: tuple[Instance, ...]) -> None:
+        """Take notice of how many arbiters live."""
+        if alive:
+            self._switch.find_arbiter()
+        else:
+            self._switch.lose_arbiter()
+        name = self.text("grasp_arbiter_node")
+        where = ", ".join(each.words for each in alive)
+        self._contest("arbiters", f"{len(alive)} nodes {name} run: {where}" if len(alive) > 1 else None)
+
+    def _look_at_publishers(self) -> None:
+        found = rival_publishers(self, SOLE_PUBLISHER_TOPICS)
+        if found != self._publishers_contested:
+            self._publishers_contested = found
+            self._contest("publishers", found)
+
+    def _contest(self, by: str, reason: str | None) -> None:
+        self._switch.contest(by, reason)
+        self._publish_state()
+        self.publish_health()
+
+    def _change(self, answer: Answer) -> Answer:
+        """Tell of a change before its answer does."""
+        self._publish_state()
+        self.publish_health()
+        return answer
+
+    def _air_values(self) -> dict[str, str]:
+        return {
+            "enabled": str(self._switch.switched_on).lower(),
+            "air": self._switch.air.value,
+            "vent_latched": self._switch.vent_reason,
+        }
+
+    def _publish_state(self) -> None:
+        values = self._air_values()
+        air = self._switch.air
+        level = DiagnosticStatus.OK if air is Air.REGULATE else DiagnosticStatus.WARN
+        self._state.publish(
+            DiagnosticStatus(
+                level=level,
+                name=f"{self.get_namespace().rstrip('/')}/valves",
+                message=self._switch.objection or self._switch.vent_reason or air.value,
+                values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            )
+        )
+
     def _on_setpoints(self, message: JointState) -> None:
         try:
+            self._clock_of_setpoints.order(seconds(message.header.stamp), self.clock_s())
             first = self._switch.request(named_values(message, CHANNEL_NAMES, "effort"))
         except (MessageError, SetpointError) as error:
             self.refuse("pressure_setpoints", error)
@@ -96,7 +171,7 @@ class ValveControllerNode(GripperNode):
     def _on_chamber_states(self, message: JointState) -> None:
         try:
             pressure_gauge_pa = named_values(message, CHANNEL_NAMES, "effort")
-            time_s = self._clock_of_pressures.sample(seconds(message.header.stamp), self.now_s())
+            time_s = self._clock_of_pressures.sample(seconds(message.header.stamp), self.now_s(), self.clock_s())
             command = self._valves.update(time_s, pressure_gauge_pa)
         except (MessageError, ControllerInputError) as error:
             self.refuse("chamber_states", error)
@@ -120,19 +195,19 @@ class ValveControllerNode(GripperNode):
 
     def _on_grasp_state(self, state: DiagnosticStatus) -> None:
         """Follow the arbiter's word on the air in the next command, without waiting for set-points or measurements."""
+        said = {item.key: item.value for item in state.values}
         try:
-            air = Air(next((item.value for item in state.values if item.key == "air"), "none given"))
+            air = Air(said.get("air", "none given"))
         except ValueError as error:
             self.refuse("grasp_state", error)
             return
-        if self._switch.obey(air):
+        if self._switch.obey(air, said.get("phase") == "closing", said.get("reason", "")):
+            self._publish_state()
             self.publish_health()
 
-    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+    def _on_enable(self, request: SetBool.Request) -> Answer:
         answer = self._switch.switch(request.data)
-        if answer.accepted:
-            self.publish_health()
-        return with_answer(response, answer)
+        return self._change(answer) if answer.accepted else answer
 
     def _publish_change_of_faults(self) -> None:
         self.publish_health_change(

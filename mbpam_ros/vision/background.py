@@ -27,6 +27,7 @@ _BRIGHTER = 1.08
 _TEXTURE = 0.05
 _EDGE_SHARE = 0.6
 _WINDOW = (7, 7)
+_LIKE = np.float32(128.0)
 _DARK = np.float32(4.0)  # added before ratios: what is black has no hue
 
 
@@ -36,10 +37,18 @@ class BackgroundError(MbpamError, ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Masks:
-    """Which pixels, (h, w) bool, show an object: surely, and with what may be shadow."""
+    """Which pixels, (h, w) bool, show an object.
+
+    Args:
+        sure: surely.
+        with_shadow: with what may be shadow.
+        relative: (h, w, c) uint8, the image over the empty table, 128 where they are alike: the table's pattern is not
+            in it, and a shadow has no hue; None where the empty table is not known.
+    """
 
     sure: NDArray[np.bool_]
     with_shadow: NDArray[np.bool_]
+    relative: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +127,8 @@ class Background:
         own, tables = _local_deviation(log_ratio), _local_deviation(np.log(grey_table).astype(np.float32))
         grain = noise / grey_table
         sure |= darker & (own > _TEXTURE + 2.0 * grain) & (own > 0.8 * tables) & (tables > _TEXTURE)
-        return Masks(_cleaned(sure & usable), _cleaned((sure | darker) & usable))
+        relative = np.clip(_LIKE * (levels + _DARK) / (table + _DARK), 0.0, 255.0).astype(np.uint8)
+        return Masks(_cleaned(sure & usable), _cleaned((sure | darker) & usable), relative)
 
     def _shifted(
         self, image: NDArray[np.uint8], known: NDArray[np.bool_]

@@ -307,16 +307,3 @@ class Camera:
         image = (np.asarray(pixels, dtype=float) - (k.cx, k.cy)) / (k.fx, k.fy)
         direction = np.concatenate([image, np.ones_like(image[..., :1])], axis=-1) @ self.rotation.T
         return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
-
-    def unproject(self, pixels: ArrayLike, depth_m: float) -> NDArray[np.float64]:
-        """Points, shape (..., 3), where the rays of pixels, shape (..., 2), meet the plane z = ``depth_m``.
-
-        Raises:
-            CameraError: a ray does not meet the plane in front of the camera.
-        """
-        direction = self.rays(pixels)
-        with np.errstate(divide="ignore"):
-            distance = (depth_m - self.position_m[2]) / direction[..., 2:]
-        if not ((distance > 0.0) & np.isfinite(distance)).all():
-            raise CameraError(f"a pixel's ray does not meet the plane z = {depth_m:g} m in front of the camera")
-        return self.position_m + distance * direction

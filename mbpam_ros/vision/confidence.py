@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping
 
 from mbpam_ros.vision.region_fit import Hypothesis
-from mbpam_ros.vision.solid_fit_kernel import BOX, CAPSULE, POST, ROD, SPHERE
+from mbpam_ros.vision.solid_fit.outline import BOX, CAPSULE, POST, ROD, SPHERE
 
 _FORM_NAMES = {SPHERE: "ball", ROD: "rod", POST: "post", BOX: "box", CAPSULE: "capsule"}
 _TYPICAL_SIGMA_M = 0.003
@@ -37,7 +37,9 @@ FEATURES = (
     "width_sigma",
     "flat",
     "slim",
+    "shadowy",
     "ends_hidden",
+    "height_hidden",
     "contour_lead",
     "misfit_lead",
     "shading_lead",
@@ -68,7 +70,9 @@ def features(hypothesis: Hypothesis) -> dict[str, float]:
         "width_sigma": _bounded(math.log(max(figures["width_sigma_m"], 1e-5) / _TYPICAL_SIGMA_M), 3.0),
         "flat": _bounded((0.02 - figures["height_m"]) / 0.01, 1.5),
         "slim": figures["slim"],
-        "ends_hidden": float(2 - sum(hypothesis.ends_seen)),
+        "shadowy": figures["shadowy"],
+        "ends_hidden": float(sum(length > 0.0 for length in hypothesis.hidden_m)),
+        "height_hidden": float(hypothesis.height_range_m is not None),
         "contour_lead": _bounded(figures["contour_px_lead"], 3.0),
         "misfit_lead": _bounded(figures["misfit_px2_lead"], 6.0) / 2.0,
         "shading_lead": _bounded(figures["shading_lead"], 0.6) * 3.0,

@@ -31,9 +31,9 @@ from mbpam_ros.vision.background import Background, Masks
 from mbpam_ros.vision.camera import Camera, CameraPose, Intrinsics
 from mbpam_ros.vision.confidence import FEATURES, probability
 from mbpam_ros.vision.depth import DepthError, DepthImage, Table, aligned, find_table
-from mbpam_ros.vision.primitives import SHAPE_OF, canonical, lies, place, sizes
+from mbpam_ros.vision.primitives import SHAPE_OF, at_height, place, sizes
 from mbpam_ros.vision.raycast import chords, hit_capsule
-from mbpam_ros.vision.region_fit import COARSE, Hypothesis, RegionFit, Surface, load_kernels, same_place
+from mbpam_ros.vision.region_fit import COARSE, LONGEST_M, Hypothesis, RegionFit, Surface, load_kernels, same_place
 from mbpam_ros.vision.segmentation import (
     Region,
     SegmentationConfig,
@@ -43,6 +43,7 @@ from mbpam_ros.vision.segmentation import (
     split_by_edges,
     split_by_hue,
     union,
+    without_shadows,
 )
 
 Encoding = Literal["rgb8", "bgr8", "mono8"]
@@ -56,7 +57,7 @@ _MOST_PIECES = 4
 _LEAST_HEIGHT_M = 0.006  # above the plane of a depth image
 _HEIGHT_SIGMAS = 4.0
 _GOOD_CONFIDENCE = 0.6  # a region explained so well is not split
-_SURE_CONFIDENCE = 0.75
+_LEAST_SOLIDITY = 0.5  # what fills less of its hull is no solid, but may hold some
 _ALIKE = 0.85  # regions that share so much of their area are one
 
 
@@ -122,6 +123,9 @@ class Detection:
         contour_px: (m, 2), the model's outline in the image as it was given.
         source: what the object was told from: image, background (with an image of the empty table) or depth.
         bound: what is known of a length that is seen in part, in words; empty where all of it is seen.
+        hidden_m: how much farther that length may reach: at the end at negative, at that at positive z of a cylinder
+            or y of a box.
+        size_range_m: (2, 3), the least and the greatest sizes that it may have by what is seen; None where all is.
     """
 
     shape: Shape
@@ -133,6 +137,8 @@ class Detection:
     contour_px: NDArray[np.float64]
     source: Source = "image"
     bound: str = ""
+    hidden_m: tuple[float, float] = (0.0, 0.0)
+    size_range_m: NDArray[np.float64] | None = None
 
     @property
     def stands(self) -> bool:
@@ -165,6 +171,8 @@ class Sighting:
         tilt_deg: by how much the depth image finds the camera tilted against its pose; None without depth.
         passed_over: regions that were not looked at because the time was over; the smallest are left out.
         cpu_s: processor time it took.
+        camera: the camera, turned as the depth image says.
+        hypotheses: all that were weighed, answered or not; their confidences are fitted to whether they are right.
         remark: why a better source was not used; empty if nothing is to be said.
     """
 
@@ -174,6 +182,8 @@ class Sighting:
     tilt_deg: float | None
     passed_over: int
     cpu_s: float
+    camera: Camera
+    hypotheses: tuple[Hypothesis, ...]
     remark: str = ""
 
 
@@ -266,10 +276,10 @@ class ObjectDetector:
                 masks = foreground(coarse, known, self._config.segmentation)
         level = coarse[..., 0] if coarse.shape[2] == 1 else _levels(cv2.cvtColor(coarse, cv2.COLOR_RGB2GRAY))
         surface = None if table is None else Surface(table.points_m, table.height_m, table.noise_m)
-        fit = RegionFit(camera, support_m, smooth, level, hidden, self._config.edge_levels, surface)
+        fit = RegionFit(camera, support_m, smooth, level, hidden, masks.sure, self._config.edge_levels, surface)
         search = _Search(self._config, source, fit, coarse, masks, prepared_s)
         found = search.run()
-        detections = [self._detection(item, camera, lens, support_m, source) for item in found]
+        detections = [described(item, camera, support_m, source, lens) for item in found]
         return Sighting(
             detections,
             source,
@@ -277,6 +287,8 @@ class ObjectDetector:
             None if table is None else table.tilt_deg,
             search.passed_over,
             time.thread_time() - began_s,
+            camera,
+            tuple(search.weighed),
             remark,
         )
 
@@ -321,29 +333,62 @@ class ObjectDetector:
                 raise ImageError(f"finger_centrelines_m must be finite and (4, n >= 2, 3), found {fingers.shape}")
         return view.hidden_by(fingers, self._finger_radius_m + self._config.finger_margin_m)
 
-    def _detection(
-        self, found: Hypothesis, camera: Camera, lens: NDArray | None, support_m: float, source: Source
-    ) -> Detection:
-        shape = SHAPE_OF[found.form]
-        parameters = canonical(found.form, found.parameters)
-        body = place(found.form, parameters, support_m)
-        outline = found.outline_px if lens is None else _distorted(found.outline_px, camera.intrinsics, lens)
-        return Detection(
-            shape,
-            sizes(found.form, parameters),
-            body.centre,
-            body.orientation_xyzw,
-            found.confidence,
-            LABELS[shape],
-            outline,
-            source,
-            _bound(found, camera, parameters),
-        )
+
+def described(
+    found: Hypothesis, camera: Camera, support_depth_m: float, source: Source, lens: NDArray | None = None
+) -> Detection:
+    """Return a hypothesis as a detection.
+
+    Args:
+        found: the hypothesis.
+        camera: that it was made with.
+        support_depth_m: z of the plane it stands on.
+        source: what it was told from.
+        lens: distortion of the image in which the contour shall lie; None for none.
+    """
+    shape = SHAPE_OF[found.form]
+    size_range = _size_range(found, camera, support_depth_m)
+    bound = "; ".join(part for part in (_length_bound(found, camera), _height_bound(found, size_range)) if part)
+    body = place(found.form, found.parameters, support_depth_m)
+    return Detection(
+        shape,
+        sizes(found.form, found.parameters),
+        body.centre,
+        body.orientation_xyzw,
+        found.confidence,
+        LABELS[shape],
+        found.outline_px if lens is None else _distorted(found.outline_px, camera.intrinsics, lens),
+        source,
+        bound,
+        found.hidden_m,
+        size_range,
+    )
 
 
-def _bound(found: Hypothesis, camera: Camera, parameters: NDArray[np.float64]) -> str:
+def _size_range(found: Hypothesis, camera: Camera, support_depth_m: float) -> NDArray[np.float64] | None:
+    if found.height_range_m is None and not any(found.hidden_m):
+        return None
+    size = sizes(found.form, found.parameters)
+    least, most = size.copy(), size.copy()
+    if found.height_range_m is not None:
+        for height_m in found.height_range_m:
+            other = sizes(found.form, at_height(found.parameters, height_m, support_depth_m, camera.position_m))
+            least, most = np.minimum(least, other), np.maximum(most, other)
+    most[1 if SHAPE_OF[found.form] == "box" else 2] += sum(found.hidden_m)
+    return np.stack([least, most])
+
+
+def _height_bound(found: Hypothesis, size_range: NDArray[np.float64] | None) -> str:
+    """What is known of a box of which the top alone is seen."""
+    if found.height_range_m is None or size_range is None:
+        return ""
+    least, most = 1e3 * size_range
+    return f"height not seen: {least[2]:.0f} to {most[2]:.0f} mm, so {least[0]:.0f} to {most[0]:.0f} mm wide"
+
+
+def _length_bound(found: Hypothesis, camera: Camera) -> str:
     """What is known of a length of which an end is not seen."""
-    if all(found.ends_seen) or not lies(found.form):
+    if not any(found.hidden_m):
         return ""
     k = camera.intrinsics
     (left, top), (right, bottom) = found.outline_px.min(axis=0), found.outline_px.max(axis=0)
@@ -359,7 +404,10 @@ def _bound(found: Hypothesis, camera: Camera, parameters: NDArray[np.float64]) -
         if past
     ]
     where = f"runs out of the image on the {' and the '.join(sides)}" if sides else "a finger hides an end"
-    return f"at least {1e3 * parameters[4]:.0f} mm long, {where}"
+    least_m = float(found.parameters[4])
+    most_m = least_m + sum(found.hidden_m)
+    most = f" (at most {1e3 * most_m:.0f} mm)" if max(found.hidden_m) < LONGEST_M else ""
+    return f"at least {1e3 * least_m:.0f} mm long{most}, {where}"
 
 
 def _above(table: Table, hidden: NDArray[np.uint8]) -> Masks:
@@ -373,8 +421,8 @@ def _above(table: Table, hidden: NDArray[np.uint8]) -> Masks:
 
 
 def _explains(found: Hypothesis, region: Region) -> bool:
-    """Whether a sure hypothesis already covers half of a region: then no other reading of it is sought."""
-    if found.confidence < _SURE_CONFIDENCE:
+    """Whether a good hypothesis already covers half of a region: then no other reading of it is sought."""
+    if found.confidence < _GOOD_CONFIDENCE:
         return False
     model = np.zeros(region.mask.shape, np.uint8)
     corners = np.round((found.outline_px / COARSE - (region.left, region.top)) * 16.0)
@@ -492,6 +540,7 @@ class _Search:
         self._min_area = config.segmentation.min_area_px / COARSE**2
         self._ends_s = began_s + config.budget_s
         self.passed_over = 0
+        self.weighed: list[Hypothesis] = []
 
     def run(self) -> list[Hypothesis]:
         """The likeliest hypotheses that do not overlap each other, the surest first."""
@@ -511,14 +560,14 @@ class _Search:
         return [item for item in chosen if item.confidence >= self._config.min_confidence]
 
     def _regions(self) -> list[Region]:
-        """What may be objects, the largest first; then regions with shadows, and what a finger may have cut apart."""
+        """What may be objects: what a finger may have cut apart, then the largest first, then regions with shadows."""
         sure = connected_regions(self._masks.sure, self._min_area)
         others = []
         if self._masks.with_shadow is not self._masks.sure:
             for region in connected_regions(self._masks.with_shadow, self._min_area):
                 if all(region.shared(known) < _ALIKE * region.area for known in sure):
                     others.append(region)
-        return [*sure, *others, *self._severed(sure)]
+        return [*self._severed(sure), *sure, *others]
 
     def _severed(self, regions: list[Region]) -> Iterator[Region]:
         """Unions of regions that fingers may have cut apart."""
@@ -540,7 +589,7 @@ class _Search:
 
     def _explain(self, region: Region) -> list[Hypothesis]:
         """The likeliest primitive for the region as a whole or, if none is likely, also those for its parts."""
-        whole = self._best(region)
+        whole = self._best(region) if region.solidity > _LEAST_SOLIDITY else None
         if whole is not None and whole.confidence > _GOOD_CONFIDENCE:
             return [whole]
         found = [] if whole is None else [whole]
@@ -557,12 +606,18 @@ class _Search:
             parts = split_by_depth(self._fit.surface.points_m, region, self._min_area)
             if parts:
                 return parts
-        parts = split_by_hue(self._coarse, region, self._min_area)
-        return parts or split_by_edges(self._coarse, region, self._min_area)
+        relative = self._masks.relative
+        if relative is None:
+            return split_by_hue(self._coarse, region, self._min_area) or split_by_edges(
+                self._coarse, region, self._min_area
+            )
+        parts = split_by_hue(relative, region, self._min_area) or split_by_edges(relative, region, self._min_area)
+        return [*without_shadows(relative, region, parts, self._min_area), *parts]
 
     def _best(self, region: Region) -> Hypothesis | None:
         """The likeliest primitive for a region."""
         rated = [replace(item, confidence=probability(item, self._weights)) for item in self._fit.explanations(region)]
+        self.weighed += rated
         least_m = self._config.min_object_size_m
         usable = [item for item in rated if float(sizes(item.form, item.parameters).min()) >= least_m]
         return max(usable, key=lambda item: item.confidence, default=None)

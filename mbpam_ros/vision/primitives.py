@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mbpam_ros.geometry.solids import Shape
-from mbpam_ros.vision.solid_fit_kernel import BOX, CAPSULE, POST, ROD, SPHERE, clipped
+from mbpam_ros.vision.solid_fit.compiled import clipped
+from mbpam_ros.vision.solid_fit.outline import BOX, CAPSULE, POST, ROD, SPHERE
 
 SHAPE_OF: dict[int, Shape] = {SPHERE: "sphere", ROD: "cylinder", POST: "cylinder", BOX: "box", CAPSULE: "cylinder"}
 YAW_INDEX = 2
@@ -82,6 +83,17 @@ def canonical(form: int, parameters: NDArray) -> NDArray[np.float64]:
         p[3], p[4] = p[4], p[3]
         p[YAW_INDEX] += 0.5 * math.pi
     p[YAW_INDEX] = 0.5 * math.pi - (0.5 * math.pi - p[YAW_INDEX]) % math.pi
+    return p
+
+
+def at_height(box: NDArray, height_m: float, support_depth_m: float, eye_m: NDArray) -> NDArray[np.float64]:
+    """The box of another height whose top looks the same from the eye: it is scaled about the eye's foot."""
+    eye_height = support_depth_m - float(eye_m[2])
+    scale = (eye_height - height_m) / (eye_height - box[5])
+    p = np.array(box, dtype=float)
+    p[:2] = eye_m[:2] + scale * (p[:2] - eye_m[:2])
+    p[3:5] *= scale
+    p[5] = height_m
     return p
 
 

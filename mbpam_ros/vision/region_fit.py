@@ -20,23 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.vision.camera import Camera, CameraPose, Intrinsics
-from mbpam_ros.vision.primitives import first_guesses, height, lies, sizes
+from mbpam_ros.vision.primitives import at_height, canonical, first_guesses, height, lies, sizes
 from mbpam_ros.vision.segmentation import Region
-from mbpam_ros.vision.solid_fit_kernel import (
-    BOX,
-    CAPSULE,
-    MOST_VERTICES,
-    ROD,
-    clipped,
-    convex_hull,
-    fit_edges,
-    fit_solid,
-    project_outline,
-    shading_left,
-)
+from mbpam_ros.vision.solid_fit.compiled import clipped, fit_contour, fit_edges, silhouette, unexplained_shading
+from mbpam_ros.vision.solid_fit.outline import BOX, CAPSULE, ROD
 
 COARSE = 2
 """Regions are masks of every second pixel."""
+
+LONGEST_M = 0.3
+"""By how much a length may be longer that runs out of the image."""
 
 _CONTOUR_POINTS = 64
 _LEAST_CONTOUR = 12
@@ -49,7 +42,14 @@ _SHADING_SAMPLES = 220
 _DOWNWARD = 0.05
 _MOST_BOXES = 3
 _NO_POINTS = np.empty((0, 3))
-_WIDE = 13  # px: an end this near to a finger or to the image's border may be its end
+_STATION_M = 0.003
+_STATIONS_M = 0.002 + _STATION_M * np.arange(100)  # beyond an end that may not be its end
+_ACROSS = np.linspace(-0.8, 0.8, 7)
+_ENOUGH = 2  # of these places show that the object is there, or that it is not
+_UNSEEN_SIGMA_M = 0.015
+_LIKELY_HEIGHTS = (0.5, 1.6)  # over the height at which a box is as high as it is wide
+_NARROW_M = 0.012
+"""A length that is known to half of this is known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,10 @@ class Hypothesis:
         sigma: standard deviations of these, from the scatter of edges, contour and points.
         outline_px: (m, 2), the silhouette.
         figures: what speaks for and against it, see :data:`FIGURES`.
-        ends_seen: whether each end along the length is seen: that at -y, that at +y of its own frame.
+        height_range_m: least and greatest height of a box of which the top alone is seen, so that its other sizes are
+            those at each height; None where the height is seen.
+        hidden_m: how much farther the length may reach behind a finger or out of the image: at the end at -y, at that
+            at +y of its own frame; 0 where the end is seen.
         confidence: probability that it is right; set later.
     """
 
@@ -86,7 +89,8 @@ class Hypothesis:
     sigma: NDArray[np.float64]
     outline_px: NDArray[np.float64]
     figures: dict[str, float]
-    ends_seen: tuple[bool, bool] = (True, True)
+    hidden_m: tuple[float, float] = (0.0, 0.0)
+    height_range_m: tuple[float, float] | None = None
     confidence: float = 0.0
 
 
@@ -110,6 +114,7 @@ class RegionFit:
         image: (H, W, c) uint8, lightly smoothed.
         level: (h, w) uint8, brightness at every second pixel.
         hidden: (h, w) uint8, not 0 where a finger may hide what is behind.
+        foreground: (h, w) bool, where objects are.
         edge_levels: least step of colour that counts as an edge [levels per px].
         surface: of a depth image.
     """
@@ -121,6 +126,7 @@ class RegionFit:
         image: NDArray[np.uint8],
         level: NDArray[np.uint8],
         hidden: NDArray[np.uint8],
+        foreground: NDArray[np.bool_],
         edge_levels: float,
         surface: Surface | None = None,
     ) -> None:
@@ -128,10 +134,12 @@ class RegionFit:
         self._camera, self._support = camera, support_depth_m
         self._image, self._level, self._edge_levels = image, level, edge_levels
         self.surface = surface
+        self._foreground = foreground
         self._eye = np.ascontiguousarray(camera.position_m, dtype=float)
         self._rotation = np.ascontiguousarray(camera.rotation, dtype=float)
         self._lens = np.array([k.fx, k.fy, k.cx, k.cy])
         self.hidden = hidden
+        self._open = (hidden == 0).view(np.uint8)
         self.looked_at = 0
         # An edge near a finger may be the finger's: keep off by more than the search reaches in the end.
         near = cv2.dilate(hidden, np.ones((5, 5), np.uint8))
@@ -139,7 +147,6 @@ class RegionFit:
         # Contour pixels beside a finger or at the image's border are not the object's outline.
         self._unsure = near.copy()
         self._unsure[:2], self._unsure[-2:], self._unsure[:, :2], self._unsure[:, -2:] = 1, 1, 1, 1
-        self._wide = cv2.dilate(self._unsure, np.ones((_WIDE // COARSE, _WIDE // COARSE), np.uint8))
 
     def explanations(self, region: Region) -> list[Hypothesis]:
         """Return the best primitive of each family for a region, in no order."""
@@ -157,7 +164,7 @@ class RegionFit:
         samples = self._samples(region, inner)
         starts: list[_Start] = []
         for form, guess in first_guesses(rays, self._support, self._eye):
-            parameters, rms, gap = fit_solid(
+            parameters, rms, gap = fit_contour(
                 form,
                 guess,
                 self._support,
@@ -177,7 +184,7 @@ class RegionFit:
             hypothesis = self._refined(start, region, contour, points, sigma_m, samples)
             if hypothesis is not None:
                 found.append(hypothesis)
-        return _compared(_best_of_families(found))
+        return _compared([self._with_unseen_ends(item) for item in _best_of_families(found)])
 
     # -- what is seen -------------------------------------------------------------------------------------------
 
@@ -243,6 +250,9 @@ class RegionFit:
             sigma_m,
             _REACHES,
         )
+        parameters, height_range_m = canonical(form, parameters), None
+        if form == BOX and sigma[5] > _UNSEEN_SIGMA_M:
+            parameters, height_range_m = self._of_likely_height(parameters)
         outline = self._outline(form, parameters)
         if outline is None or quality[0] == 0.0:
             return None
@@ -260,22 +270,32 @@ class RegionFit:
             "crease_misfit_px2": float(quality[4]),
             "overlap": overlap,
             "beyond": beyond,
-            "shading": shading_left(form, parameters, self._support, self._eye, self._rotation, self._lens, *samples),
+            "shading": unexplained_shading(
+                form, parameters, self._support, self._eye, self._rotation, self._lens, *samples
+            ),
             "size_sigma_m": float(size_sigma.max()),
             "width_sigma_m": float(size_sigma.min()),
             "height_m": height(form, parameters),
+            "shadowy": 1.0 - float(np.count_nonzero(region.mask & self._foreground[region.window])) / region.area,
             "slim": float(min(size.min() / max(sharpest, 1e-6), 1.0)),
         }
-        return Hypothesis(form, parameters, sigma, outline, figures, self._ends_seen(form, parameters))
+        return Hypothesis(form, parameters, sigma, outline, figures, height_range_m=height_range_m)
+
+    def _of_likely_height(self, parameters: NDArray) -> tuple[NDArray[np.float64], tuple[float, float]]:
+        """A box of which the top alone is seen, as high as it is wide, and the range of heights that are likely.
+
+        All boxes that stand below the same cone of rays look the same: seen against the table the top is w0 wide, so
+        w(h) = w0 (1 - h / D), D being the eye's height; w(h) = h at h = w0 / (1 + w0 / D).
+        """
+        eye_height = self._support - float(self._eye[2])
+        against_table = parameters[3] / (1.0 - parameters[5] / eye_height)
+        likely = against_table / (1.0 + against_table / eye_height)
+        least, most = (share * likely for share in _LIKELY_HEIGHTS)
+        return at_height(parameters, likely, self._support, self._eye), (least, most)
 
     def _outline(self, form: int, parameters: NDArray) -> NDArray[np.float64] | None:
-        space, uv = np.empty((MOST_VERTICES, 3)), np.empty((MOST_VERTICES, 2))
-        count = project_outline(form, parameters, self._support, self._eye, self._rotation, self._lens, space, uv)
-        if count == 0:
-            return None
-        hull = np.empty(2 * MOST_VERTICES, np.int64)
-        corners = convex_hull(uv, count, hull)
-        return uv[hull[:corners]].copy() if corners >= 3 else None
+        corners = silhouette(form, parameters, self._support, self._eye, self._rotation, self._lens)
+        return corners if len(corners) >= 3 else None
 
     def _overlap(self, outline: NDArray[np.float64], region: Region) -> tuple[float, float]:
         """Shared area over joint area, and the share of the silhouette that is not of the region."""
@@ -284,13 +304,13 @@ class RegionFit:
         model = np.zeros(region.mask.shape, np.uint8)
         cv2.fillConvexPoly(model, corners, 1, shift=4)
         # What lies beyond the window shares nothing with the region, and is hidden or not as what lies within.
-        drawn = float(np.count_nonzero(model))
+        drawn = float(cv2.countNonZero(model))
         outside = self._area_in_image(outline) / COARSE**2 - drawn
-        open_view = self.hidden[region.window] == 0
-        seen = model.astype(bool) & open_view
-        shared = float(np.count_nonzero(seen & region.mask))
-        area = float(np.count_nonzero(seen)) + max(outside, 0.0)
-        joint = area + float(np.count_nonzero(region.mask & open_view)) - shared
+        seen = cv2.bitwise_and(model, self._open[region.window])
+        mask = region.mask.view(np.uint8)
+        shared = float(cv2.countNonZero(cv2.bitwise_and(seen, mask)))
+        area = float(cv2.countNonZero(seen)) + max(outside, 0.0)
+        joint = area + float(cv2.countNonZero(cv2.bitwise_and(mask, self._open[region.window]))) - shared
         return shared / max(joint, 1.0), 1.0 - shared / max(area, 1.0)
 
     def _area_in_image(self, outline: NDArray[np.float64]) -> float:
@@ -302,29 +322,65 @@ class RegionFit:
         part = clipped(np.ascontiguousarray(turned), frame)
         return float(cv2.contourArea(part.astype(np.float32))) if len(part) >= 3 else 0.0
 
-    def _ends_seen(self, form: int, parameters: NDArray) -> tuple[bool, bool]:
-        """Whether the ends of a form with a length lie in the image, away from its border and from fingers."""
-        if not lies(form):
-            return True, True
+    def _with_unseen_ends(self, found: Hypothesis) -> Hypothesis:
+        """The hypothesis with what is known of ends that a finger or the image's border may hide."""
+        rows, columns = self._unsure.shape
+        left, top = np.maximum(found.outline_px.min(axis=0) / COARSE - 2.0, 0.0).astype(int)
+        right, bottom = np.minimum(found.outline_px.max(axis=0) / COARSE + 3.0, (columns, rows)).astype(int)
+        if not lies(found.form) or not self._unsure[top:bottom, left:right].any():
+            return found
+        parameters, hidden_m = self._unseen_ends(found.form, found.parameters)
+        outline = self._outline(found.form, parameters)
+        if outline is None:
+            return found
+        return replace(found, parameters=parameters, outline_px=outline, hidden_m=hidden_m)
+
+    def _unseen_ends(self, form: int, parameters: NDArray) -> tuple[NDArray[np.float64], tuple[float, float]]:
+        """The parameters with what is seen of the object beyond a finger, and how much farther each end may reach [m].
+
+        From each end on along the axis, until the table is seen where the object would be.
+        """
         p = parameters
         along = np.array([-np.sin(p[2]), np.cos(p[2]), 0.0])
-        tall = height(form, p)
-        seen = []
+        across = np.array([np.cos(p[2]), np.sin(p[2]), 0.0]) * p[3] * (0.5 if form == BOX else 1.0)
+        middle = np.array([p[0], p[1], self._support - 0.5 * height(form, p)])
+        longer, hidden = [], []
         for sign in (-1.0, 1.0):
-            end = np.array([p[0], p[1], self._support - 0.5 * tall]) + sign * 0.5 * p[4] * along
-            # Its top is nearer to the camera and leaves the image first.
-            seen.append(self._in_open_view(end) and self._in_open_view(end - (0.0, 0.0, 0.5 * tall)))
-        return seen[0], seen[1]
+            beyond = middle + np.outer(sign * (0.5 * p[4] + _STATIONS_M), along)
+            seen, of_object = self._in_open_view(beyond + _ACROSS[:, None, None] * across)
+            ended = (seen & ~of_object).sum(axis=0) >= _ENOUGH
+            count = int(ended.argmax()) if ended.any() else len(_STATIONS_M)
+            again = np.flatnonzero((seen & of_object).sum(axis=0)[:count] >= _ENOUGH)
+            # Only what lies beyond something hidden is the object again.
+            more = int(again[-1]) + 1 if len(again) and seen[:, 0].sum() < _ENOUGH else 0
+            longer.append(_STATION_M * more)
+            hidden.append(_STATION_M * (count - more) if ended.any() else LONGEST_M)
+        back, forth = hidden
+        if 0.0 < back + forth < _NARROW_M:  # as good as seen
+            longer, back, forth = [longer[0] + 0.5 * back, longer[1] + 0.5 * forth], 0.0, 0.0
+        return _lengthened(p, *longer), (back, forth)
 
-    def _in_open_view(self, point_m: NDArray[np.float64]) -> bool:
-        """Whether a point lies in the image, away from its border and from fingers."""
-        optical = (point_m - self._eye) @ self._rotation
-        if optical[2] < 1e-3:
-            return False
-        u = (optical[0] / optical[2] * self._lens[0] + self._lens[2]) / COARSE
-        v = (optical[1] / optical[2] * self._lens[1] + self._lens[3]) / COARSE
-        inside = 0 <= u < self._wide.shape[1] and 0 <= v < self._wide.shape[0]
-        return bool(inside and self._wide[int(v), int(u)] == 0)
+    def _in_open_view(self, points_m: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Whether points, (..., 3), lie in the image, away from its border and from fingers; and in the foreground."""
+        optical = (points_m - self._eye) @ self._rotation
+        depth = np.maximum(optical[..., 2], 1e-3)
+        u = (optical[..., 0] / depth * self._lens[0] + self._lens[2]) / COARSE
+        v = (optical[..., 1] / depth * self._lens[1] + self._lens[3]) / COARSE
+        rows, columns = self._unsure.shape
+        inside = (optical[..., 2] > 1e-3) & (u >= 0.0) & (u < columns) & (v >= 0.0) & (v < rows)
+        row, column = (np.where(inside, value, 0.0).astype(int) for value in (v, u))
+        seen = inside & (self._unsure[row, column] == 0)
+        return seen, seen & self._foreground[row, column]
+
+
+def _lengthened(parameters: NDArray[np.float64], back_m: float, forth_m: float) -> NDArray[np.float64]:
+    """The same form, longer at the end at -y and at that at +y of its own frame."""
+    p = parameters.copy()
+    shift = 0.5 * (forth_m - back_m)
+    p[0] -= shift * np.sin(p[2])
+    p[1] += shift * np.cos(p[2])
+    p[4] += back_m + forth_m
+    return p
 
 
 @lru_cache(maxsize=1)
@@ -341,7 +397,7 @@ def load_kernels() -> None:
     v, u = np.mgrid[0:60, 0:80].astype(np.float32)
     points = np.stack([(2.0 * u - 79.5) / 500.0, (2.0 * v - 59.5) / 500.0, np.full_like(u, 0.27)], axis=-1)
     for surface in (None, Surface(points, np.full(level.shape, 0.03, np.float32), 0.001)):
-        RegionFit(camera, 0.3, image, level, hidden, 4.0, surface).explanations(Region(0, 0, mask))
+        RegionFit(camera, 0.3, image, level, hidden, mask, 4.0, surface).explanations(Region(0, 0, mask))
 
 
 def _worth_refining(starts: list[_Start]) -> list[_Start]:
@@ -374,7 +430,9 @@ def _best_of_families(found: list[Hypothesis]) -> list[Hypothesis]:
 def _disagreement(item: Hypothesis) -> float:
     figures = item.figures
     outline = figures["misfit_px2"] + min(figures["contour_px"], 4.0) + figures["gap_sigmas"] ** 2
-    return outline + 0.5 * figures["crease_misfit_px2"] + 3.0 * figures["shading"]
+    # The rim of a rod's end is often faint, and round ends have none: it does not tell these two apart.
+    creases = 0.0 if item.form in (ROD, CAPSULE) else 0.5 * figures["crease_misfit_px2"]
+    return outline + creases + 3.0 * figures["shading"]
 
 
 def _compared(found: list[Hypothesis]) -> list[Hypothesis]:

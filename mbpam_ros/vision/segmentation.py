@@ -201,6 +201,13 @@ class Region:
         """Pixels."""
         return int(np.count_nonzero(self.mask))
 
+    @property
+    def solidity(self) -> float:
+        """Its share of its convex hull: near 1 for what is seen of a convex solid."""
+        v, u = np.nonzero(self.mask)
+        hull = cv2.convexHull(np.column_stack([u, v]).astype(np.int32))
+        return self.area / max(float(cv2.contourArea(hull)), 1.0)
+
     def shared(self, other: Region) -> int:
         """Pixels that both have."""
         (a, b), (c, d) = self.window, other.window
@@ -293,6 +300,31 @@ def split_by_depth(points_m: NDArray, region: Region, min_area: float) -> list[R
     return _grown(region, known & (high - low < _JUMP_M), min_area)
 
 
+def without_shadows(relative: NDArray, region: Region, parts: list[Region], min_area: float) -> list[Region]:
+    """What is left of ``region`` when those of its parts are taken away that only darken the table.
+
+    Args:
+        relative: (h, w, c), the image over the empty table, 128 where they are alike.
+        region: that was split.
+        parts: of it.
+        min_area: smaller remainders are dropped.
+    """
+    shadows = []
+    for part in parts:
+        mean = np.median(relative[part.window][part.mask].astype(np.float32), axis=0)
+        if mean.max() < _SHADED_BELOW and float(np.ptp(mean)) < _COLOURLESS * float(mean.max()):
+            shadows.append(part)
+    if not shadows or len(shadows) == len(parts):
+        return []
+    rest = region.mask.copy()
+    for part in shadows:
+        rows = slice(part.top - region.top, part.top - region.top + part.mask.shape[0])
+        columns = slice(part.left - region.left, part.left - region.left + part.mask.shape[1])
+        rest[rows, columns] &= ~part.mask
+    return _within(region, _cleaned(rest), max(min_area, _CLUSTER_SHARE * region.area))[:_MOST_PARTS]
+
+
+_SHADED_BELOW, _COLOURLESS = 124.0, 0.08
 _JUMP_M = 0.012
 _MOST_PARTS = 6
 

@@ -14,7 +14,7 @@ import mbpam_ros
 PACKAGE = Path(mbpam_ros.__file__).parent
 MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
 
-GROUND = {"answer", "configuration", "errors", "geometry"}
+GROUND = {"answer", "configuration", "errors", "geometry", "source_digest"}
 MACHINE = GROUND | {"actuator", "pneumatics", "gripper"}
 ALLOWED = {
     "errors": set(),
@@ -22,6 +22,7 @@ ALLOWED = {
     "bounded_yaml": {"errors"},
     "configuration": {"errors", "bounded_yaml"},
     "geometry": set(),
+    "source_digest": set(),
     "actuator": GROUND,
     "pneumatics": GROUND | {"actuator"},
     "gripper": GROUND | {"actuator"},

@@ -17,7 +17,9 @@ from mbpam_ros.vision.detector import Detection
 RIGHT_WITHIN_M = 0.008
 """Sizes that are nearer to the truth than this are right."""
 
-_MATCH_M = 0.02
+MATCHED_WITHIN_M = 0.02
+"""A detection whose centre is no farther beside a thing is of it."""
+
 _REFUSED = "refused"
 
 
@@ -32,7 +34,8 @@ class ObjectScore:
         shape_right: whether it has the right shape.
         mode_right: whether the selector gives the mode, or the refusal, that it gives for the true object.
         wrong_mode: whether it gives a mode, and another one.
-        width_error_m, size_error_m: of the grasped width, and the largest of all; NaN where not found.
+        width_error_m: of the grasped width, whether or not it is told as a bound; NaN where not found.
+        size_error_m: the largest of all, of what is seen in part from its bounds.
         yaw_error_rad: likewise; 0 for what has none.
         confidence: of the detection.
         right: whether shape and sizes are right, as the confidence promises.
@@ -92,13 +95,13 @@ def _matched(things: Sequence[Thing], detections: Sequence[Detection]) -> dict[i
     """The detection of each thing: the surest whose centre lies on it."""
     pairs: dict[int, int] = {}
     for j, found in sorted(enumerate(detections), key=lambda item: -item[1].confidence):
-        gaps = {i: _gap_m(thing, found) for i, thing in enumerate(things) if i not in pairs}
-        if gaps and min(gaps.values()) < _MATCH_M:
+        gaps = {i: gap_m(thing, found) for i, thing in enumerate(things) if i not in pairs}
+        if gaps and min(gaps.values()) < MATCHED_WITHIN_M:
             pairs[min(gaps, key=lambda i: gaps[i])] = j
     return pairs
 
 
-def _gap_m(thing: Thing, found: Detection) -> float:
+def gap_m(thing: Thing, found: Detection) -> float:
     """Horizontal distance of the detection's centre from the thing's, along which a length does not count."""
     offset = found.position_m - thing.position_m
     offset[2] = 0.0
@@ -120,24 +123,23 @@ def _truth_extents(thing: Thing) -> NDArray[np.float64]:
 
 
 def is_right(thing: Thing, found: Detection) -> bool:
-    """Whether shape and sizes are right; of a length seen in part, whether it is not said to be longer than it is."""
+    """Whether shape and sizes are right; of a length seen in part, whether the true one lies within its bounds."""
     if found.shape != thing.shape:
         return False
-    error = extents(found.shape, found.size_m, found.stands) - _truth_extents(thing)
-    if found.bound:
-        error[1] = max(error[1], 0.0)
-    return bool(np.abs(error).max() < RIGHT_WITHIN_M)
+    return bool(np.abs(_errors(thing, found)).max() < RIGHT_WITHIN_M)
 
 
 def _score(thing: Thing, found: Detection | None, selector: ModeSelector) -> ObjectScore:
     truth = _mode(
         selector,
-        thing.kind,
-        thing.shape,
-        thing.size_m,
-        thing.position_m,
-        thing.rotation.as_quat(),
-        1.0,
+        DetectedObject(
+            thing.kind,
+            thing.shape,
+            tuple(thing.size_m),
+            tuple(thing.position_m),
+            tuple(thing.rotation.as_quat()),
+            1.0,
+        ),
     )
     graspable = truth != _REFUSED
     if found is None:
@@ -146,16 +148,18 @@ def _score(thing: Thing, found: Detection | None, selector: ModeSelector) -> Obj
         )
     mode = _mode(
         selector,
-        found.label,
-        found.shape,
-        found.size_m,
-        found.position_m,
-        found.orientation_xyzw,
-        found.confidence,
+        DetectedObject(
+            found.label,
+            found.shape,
+            tuple(found.size_m),
+            tuple(found.position_m),
+            tuple(found.orientation_xyzw),
+            found.confidence,
+            found.hidden_m,
+        ),
     )
-    error = extents(found.shape, found.size_m, found.stands) - _truth_extents(thing)
-    if found.bound:
-        error[1] = max(error[1], 0.0)
+    error = _errors(thing, found)
+    width_error = extents(found.shape, found.size_m, found.stands)[0] - _truth_extents(thing)[0]
     return ObjectScore(
         thing.kind,
         graspable,
@@ -163,7 +167,7 @@ def _score(thing: Thing, found: Detection | None, selector: ModeSelector) -> Obj
         found.shape == thing.shape,
         mode == truth,
         mode not in (truth, _REFUSED),
-        abs(float(error[0])),
+        abs(float(width_error)),
         float(np.abs(error).max()),
         _yaw_error(thing, found),
         found.confidence,
@@ -171,16 +175,15 @@ def _score(thing: Thing, found: Detection | None, selector: ModeSelector) -> Obj
     )
 
 
-def _mode(
-    selector: ModeSelector,
-    label: str,
-    shape: Shape,
-    size_m: NDArray,
-    position_m: NDArray,
-    orientation: NDArray,
-    confidence: float,
-) -> str:
-    target = DetectedObject(label, shape, tuple(size_m), tuple(position_m), tuple(orientation), confidence)
+def _errors(thing: Thing, found: Detection) -> NDArray[np.float64]:
+    """Width, length and height as found, less the true ones; what is seen in part errs by what leaves its bounds."""
+    truth = _truth_extents(thing)
+    least, most = (found.size_m,) * 2 if found.size_range_m is None else found.size_range_m
+    least, most = (extents(found.shape, size, found.stands) for size in (least, most))
+    return np.maximum(least - truth, 0.0) + np.minimum(most - truth, 0.0)
+
+
+def _mode(selector: ModeSelector, target: DetectedObject) -> str:
     answer = selector.select(target)
     return answer.mode if isinstance(answer, GraspChoice) else _REFUSED
 

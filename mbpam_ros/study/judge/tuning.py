@@ -1,14 +1,23 @@
-"""Fit the weights of the detector's confidence to images of the tuning set."""
+"""Fit the weights of the detector's confidence to images of the tuning set.
+
+All hypotheses that the detector weighs count, whichever it answers, each with whether it is right: shape and sizes
+within 8 mm of those of an object at its place.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from mbpam_ros.study.judge.judge import Judged
+from mbpam_ros.study.judge.score import MATCHED_WITHIN_M, gap_m, is_right
 from mbpam_ros.vision.confidence import FEATURES, features
+from mbpam_ros.vision.detector import SOURCES, DetectorConfig, Source, described
 from mbpam_ros.vision.region_fit import Hypothesis
 
 _RIDGE = 1e-3
@@ -36,3 +45,27 @@ def fit_weights(hypotheses: Sequence[Hypothesis], right: Sequence[bool]) -> dict
 
     weights = minimize(loss, np.zeros(len(FEATURES)), jac=True, method="L-BFGS-B", options={"maxiter": 2000}).x
     return {name: round(float(value), 3) for name, value in zip(FEATURES, weights, strict=True)}
+
+
+def labelled(judged: Iterable[Judged]) -> tuple[list[Hypothesis], list[bool]]:
+    """Return all hypotheses of judged images, and whether each is right."""
+    hypotheses, right = [], []
+    for item in judged:
+        seen = item.seen
+        for hypothesis in seen.hypotheses:
+            found = described(hypothesis, seen.camera, seen.support_depth_m, seen.source)
+            things = item.scene.things
+            hypotheses.append(hypothesis)
+            right.append(any(gap_m(thing, found) < MATCHED_WITHIN_M and is_right(thing, found) for thing in things))
+    return hypotheses, right
+
+
+def refitted(config: DetectorConfig, judged: Mapping[Source, Sequence[Judged]]) -> DetectorConfig:
+    """Return the detector with weights fitted to judged images of each source."""
+    return replace(config, confidence={source: fit_weights(*labelled(judged[source])) for source in SOURCES})
+
+
+def with_weights(text: str, config: DetectorConfig) -> str:
+    """Return a detector file's text with the weights of ``config`` in place of its own; they stand last."""
+    head = text[: text.index("\nconfidence:") + 1]
+    return head + yaml.safe_dump({"confidence": config.confidence}, sort_keys=False)

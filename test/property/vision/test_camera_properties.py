@@ -20,13 +20,6 @@ def cameras(draw):
     return Camera(intrinsics, CameraPose(Rotation.from_rotvec(tilt).as_matrix(), position))
 
 
-@given(cameras(), pixels, st.floats(0.1, 0.5))
-def test_projecting_an_unprojected_pixel_returns_it(camera, pixel, depth):
-    points = camera.unproject(pixel, depth)
-    np.testing.assert_allclose(points[:, 2], depth, atol=1e-12)
-    np.testing.assert_allclose(camera.project(points), pixel, atol=1e-7)
-
-
 @given(cameras(), pixels, st.floats(0.05, 2.0))
 def test_every_point_of_a_ray_projects_to_its_pixel(camera, pixel, distance):
     np.testing.assert_allclose(camera.project(camera.position_m + distance * camera.rays(pixel)), pixel, atol=1e-7)

@@ -12,7 +12,7 @@ from mbpam_ros.vision.camera import camera_intrinsics, camera_pose, load_camera_
 from mbpam_ros.vision.detector import ObjectDetector, load_detector_config
 from mbpam_ros.vision.primitives import canonical, place, sizes
 from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
-from mbpam_ros.vision.solid_fit_kernel import BOX, ROD, SPHERE
+from mbpam_ros.vision.solid_fit.outline import BOX, ROD, SPHERE
 
 CONFIG = load_camera_config()
 RENDERER = Renderer.from_config(CONFIG)

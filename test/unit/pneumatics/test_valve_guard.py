@@ -181,6 +181,7 @@ def test_mended_and_vented_everything_is_sound_again_and_the_next_grasp_closes(k
     rig.run(4.0)
     assert not rig.found and not rig.command.supply_open
     rig.aim(np.zeros(CHANNEL_COUNT))
+    rig.valves.switch.clear()
     rig.valves.switch.obey(Air.REGULATE)
     rig.run(0.2)
     rig.aim(GRIP)

@@ -13,9 +13,9 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.vision.camera import CameraError, Intrinsics, camera_intrinsics, camera_pose, load_camera_config
 from mbpam_ros.vision.detector import Detection, DetectorConfig, ImageError, ObjectDetector, load_detector_config
 from mbpam_ros.vision.overlay import describe_size, draw_overlay
-from mbpam_ros.vision.primitives import place, sizes
+from mbpam_ros.vision.primitives import at_height, place, sizes
 from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
-from mbpam_ros.vision.solid_fit_kernel import BOX, ROD, SPHERE
+from mbpam_ros.vision.solid_fit.outline import BOX, ROD, SPHERE
 
 TOLERANCE_M = 0.005
 USED_FROM = load_grasp_config().selection.confidence_min
@@ -159,9 +159,26 @@ def test_a_rod_whose_end_a_finger_hides_is_not_reported_with_a_wrong_length(dete
     assert found.bound.startswith(f"at least {1e3 * found.size_m[2]:.0f} mm long") and "finger" in found.bound
 
 
-def test_a_box_seen_from_straight_above_is_not_reported_with_a_guessed_height(detector):
+def test_of_a_box_seen_from_straight_above_height_and_width_are_bounds(detector):
     carton = standing(*OBJECTS["carton"], x=CONFIG.position_m[0])
-    assert all(d.confidence < USED_FROM for d in look(detector, photograph(carton)))
+    (found,) = look(detector, photograph(carton))
+    assert found.shape == "box" and "height not seen" in found.bound
+    least, most = found.size_range_m
+    assert (least < carton.size_m).all() and (carton.size_m < most).all()
+    assert (least < found.size_m).all() and (found.size_m < most).all()
+
+
+@pytest.mark.parametrize("height_m", [0.02, 0.05, 0.09])
+def test_boxes_of_all_heights_in_one_cone_of_rays_have_the_same_top(height_m):
+    box, eye, support = np.array([0.01, 0.02, 0.3, 0.04, 0.12, 0.06]), np.array([0.027, 0.0, 0.01]), 0.13
+    other = at_height(box, height_m, support, eye)
+
+    def top_corner(p):
+        c, s = np.cos(p[2]), np.sin(p[2])
+        x, y = p[:2] + 0.5 * p[3] * np.array([c, s]) + 0.5 * p[4] * np.array([-s, c])
+        return (np.array([x, y]) - eye[:2]) / (support - p[5] - eye[2])
+
+    assert top_corner(other) == pytest.approx(top_corner(box))
 
 
 def test_bent_fingers_are_looked_past_when_their_shape_is_given(detector):

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from mbpam_ros.plant.mechanics import step
-from mbpam_ros.plant.mechanics.step import kernel_sources, source_digest
+from mbpam_ros.plant.mechanics.step import kernel_sources
+from mbpam_ros.source_digest import source_digest
 
 STEP = Path(step.__file__)
 

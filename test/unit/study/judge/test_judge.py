@@ -18,7 +18,7 @@ from mbpam_ros.study.judge.tuning import fit_weights
 from mbpam_ros.vision.confidence import probability
 from mbpam_ros.vision.detector import Detection
 from mbpam_ros.vision.region_fit import Hypothesis
-from mbpam_ros.vision.solid_fit_kernel import ROD
+from mbpam_ros.vision.solid_fit.outline import ROD
 
 SELECTOR = ModeSelector(load_grasp_config().selection, load_gripper(), load_modes())
 
@@ -90,12 +90,17 @@ def test_a_detection_of_nothing_is_a_false_alarm_if_it_is_sure():
     assert score_image([thing], [unsure], SELECTOR, 0.5).false_alarms == 0
 
 
-def test_a_bound_is_right_unless_it_is_longer_than_the_truth():
+def test_a_bound_is_right_if_the_truth_lies_within_it():
     thing = rod_scene().things[0]
     shorter, longer = thing.size_m - (0.0, 0.0, 0.05), thing.size_m + (0.0, 0.0, 0.05)
+
+    def bounded(size_m, longer_by_m):
+        return seen(thing, size_m=size_m, size_range_m=np.stack([size_m, size_m + (0.0, 0.0, longer_by_m)]))
+
     assert not is_right(thing, seen(thing, size_m=shorter))
-    assert is_right(thing, seen(thing, size_m=shorter, bound="at least"))
-    assert not is_right(thing, seen(thing, size_m=longer, bound="at least"))
+    assert is_right(thing, bounded(shorter, 0.06))
+    assert not is_right(thing, bounded(shorter, 0.03))
+    assert not is_right(thing, bounded(longer, 0.2))
 
 
 def test_the_summary_counts_and_calibration_compares():
@@ -109,7 +114,16 @@ def test_the_summary_counts_and_calibration_compares():
 def hypothesis(misfit_px2):
     figures = dict.fromkeys(
         ("contour_px", "gap_sigmas", "visible", "coverage", "crease_coverage", "crease_misfit_px2", "overlap", "beyond")
-        + ("shading", "size_sigma_m", "width_sigma_m", "height_m", "slim", "contour_px_lead", "misfit_px2_lead")
+        + (
+            "shading",
+            "size_sigma_m",
+            "width_sigma_m",
+            "height_m",
+            "slim",
+            "shadowy",
+            "contour_px_lead",
+            "misfit_px2_lead",
+        )
         + ("shading_lead", "gap_sigmas_lead"),
         0.0,
     )
