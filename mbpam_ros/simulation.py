@@ -25,10 +25,11 @@ from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.fidelity import Fidelity, FidelityRequest
 from mbpam_ros.plant.plant import Observation, build_plant
 from mbpam_ros.plant.scene import Scene, load_scene
-from mbpam_ros.pneumatics.air_switch import AirSwitch
 from mbpam_ros.pneumatics.config import load_pneumatics
-from mbpam_ros.pneumatics.controller import PressureController
-from mbpam_ros.pneumatics.sensing import PressureSensing
+from mbpam_ros.pneumatics.findings import Finding
+from mbpam_ros.pneumatics.machine_faults import MachineFault
+from mbpam_ros.pneumatics.sensing import ChannelStatus, PressureSensing
+from mbpam_ros.pneumatics.valve_guard import GuardedValves
 
 TICK_S = 0.01
 """Period of sensing, arbitration and valves: the nodes' 100 Hz."""
@@ -79,6 +80,7 @@ class Simulation:
         seen: what there is after the last tick.
         decision: what the arbiter has decided last.
         scene: what is there.
+        channel_status: what the sensing has said last of each channel; empty before the first tick.
 
     Raises:
         ConfigError: a file is wrong, no plan fits, or the grip pressure is above the gripper's limit.
@@ -103,8 +105,8 @@ class Simulation:
         self._arbiter.expect(expected)
         self._plant = build_plant(scene, fidelity or request, gripper, pneumatics, seed=seed)
         self._sensing = PressureSensing(pneumatics.sensing, pneumatics.transducer)
-        self._controller = PressureController(pneumatics.controller, *limits)
-        self._switch = AirSwitch(self._controller, switched_on=True)
+        self._valves = GuardedValves(pneumatics, *limits, switched_on=True)
+        self.channel_status: tuple[ChannelStatus, ...] = ()
         self.seen: Observation = self._plant.observe()
         self.decision: Decision = self._arbiter.tick(self.seen.time_s)
 
@@ -115,12 +117,15 @@ class Simulation:
             PlantDivergedError: the plant left what can be.
         """
         now_s = self.seen.time_s
-        pressure_gauge_pa = self._sensing.update(now_s, self.seen.transducer_v).pressure_gauge_pa
-        self._arbiter.observe_pressures(now_s, pressure_gauge_pa)
+        reading = self._sensing.update(now_s, self.seen.transducer_v)
+        self.channel_status = reading.status
+        self._arbiter.observe_findings(now_s, self._valves.findings)
+        self._arbiter.observe_pressures(now_s, reading.pressure_gauge_pa)
         self.decision = self._arbiter.tick(now_s)
-        self._switch.obey(self.decision.air, self.decision.phase is Phase.CLOSING)
-        self._switch.request(self.decision.setpoint_gauge_pa)
-        self._plant.step(self._controller.update(now_s, pressure_gauge_pa), TICK_S)
+        self._valves.switch.obey(self.decision.air, self.decision.phase is Phase.CLOSING)
+        self._valves.switch.request(self.decision.setpoint_gauge_pa)
+        command = self._valves.update(now_s, reading.pressure_gauge_pa)
+        self._plant.step(command.spool, TICK_S, command.supply_open)
         self.seen = self._plant.observe()
         return self.seen
 
@@ -223,7 +228,7 @@ class Simulation:
         """Clear a latched fault."""
         answer = self._asked(self._arbiter.reset)
         if answer.accepted:
-            self._switch.clear()
+            self._valves.switch.clear()
         return answer
 
     def lift(self) -> Answer:
@@ -233,6 +238,21 @@ class Simulation:
     def lower(self) -> Answer:
         """Start lowering the hand."""
         return self._plant.lower()
+
+    # The machine
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the valves' observers have found wrong, and has not gone."""
+        return self._valves.findings
+
+    def inject(self, fault: MachineFault) -> None:
+        """Let a fault befall the machine."""
+        self._plant.inject(fault)
+
+    def repair(self) -> None:
+        """Mend all that was injected."""
+        self._plant.repair()
 
     def _asked(self, request: Callable[[float], Answer]) -> Answer:
         answer = request(self.seen.time_s)

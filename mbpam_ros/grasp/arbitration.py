@@ -18,6 +18,7 @@ holding    release                                                      releasin
 releasing  all pressures down                                           idle                 regulate to 0
 releasing  they are not before the time-out                             fault                vent
 any        stop, over-pressure, or a vent latched at the valves         fault                vent
+any        a finding of the valves: see :mod:`~mbpam_ros.grasp.responses`
 fault      release (lets go of an object a fault has kept)              fault                vent
 fault      reset, pressures down and known, no fault reported           idle                 regulate to 0
 ========== ============================================================ ==================== ==============
@@ -42,20 +43,13 @@ from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import load_config, require_positive
 from mbpam_ros.grasp.grip_pressure import NOTHING_EXPECTED, Expected, GripConfig, GripPlanner, load_grip_table
 from mbpam_ros.grasp.modes import MODE_NAMES, GraspMode
+from mbpam_ros.grasp.phases import Phase as Phase
+from mbpam_ros.grasp.responses import Response, respond
 from mbpam_ros.grasp.selection import DetectedObject, GraspChoice, ModeSelector, Refusal, SelectionConfig, WristPose
 from mbpam_ros.grasp.sightings import Sightings
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.pneumatics.air_switch import Air
-
-
-class Phase(Enum):
-    """Where a grasp stands."""
-
-    IDLE = "idle"
-    CLOSING = "closing"
-    HOLDING = "holding"
-    RELEASING = "releasing"
-    FAULT = "fault"
+from mbpam_ros.pneumatics.findings import Finding
 
 
 class Source(IntEnum):
@@ -216,6 +210,8 @@ _SEES_BELOW_PA = 10e3
 
 _OPEN = _Situation(Phase.IDLE, Source.NONE, Air.REGULATE, "open")
 _GRASPING = (Phase.CLOSING, Phase.HOLDING)
+_FOREIGN_S = 1.0
+"""After set-points of another, no grasp begins for this long."""
 _AT_THE_VALVES = "vented at the valves: "
 
 
@@ -266,7 +262,10 @@ class Arbiter:
         self._touching = False
         self._touched_at_s = -math.inf
         self._unhealthy: dict[str, str] = {}
+        self._findings: tuple[Finding, ...] = ()
         self._late_s, self._late_until_s = 0.0, -math.inf
+        self._own_setpoints: list[NDArray[np.float64]] = []
+        self._foreign_until_s = -math.inf
         self._situation = _OPEN
         self._informed = False
         self._since_s = 0.0
@@ -337,6 +336,19 @@ class Arbiter:
             self._unhealthy.pop(source, None)
         else:
             self._unhealthy[source] = message
+
+    def observe_findings(self, time_s: float, findings: Sequence[Finding]) -> None:
+        """Take what is wrong with channels and supply, all of it; what is not among it any more has gone."""
+        self._findings = tuple(findings)
+        self._update(time_s)
+
+    def observe_setpoints(self, time_s: float, setpoint_gauge_pa: ArrayLike) -> None:
+        """Take set-points, shape (16,) [Pa gauge], as the valves get them: those of another stop a grasp."""
+        self._advance(time_s)
+        setpoint_pa = np.asarray(setpoint_gauge_pa, dtype=float)
+        own = (self._setpoint_pa, *self._own_setpoints)
+        if self._informed and not any(np.array_equal(setpoint_pa, each) for each in own):
+            self._foreign_until_s = self._time_s + _FOREIGN_S
 
     def observe_vent(self, time_s: float, reason: str) -> None:
         """Take notice that a vent is latched at the valves: by whoever, or from before this arbiter was started."""
@@ -437,7 +449,7 @@ class Arbiter:
             return f"no fault latched, the gripper is {now.phase.value}; grasp/release opens it"
         if now.air is Air.HOLD:
             return f"the fault keeps the object ({now.reason}); call grasp/release first"
-        objection = self._ill_health() or self._unreadable()
+        objection = self._ill_health() or self._unreadable() or self._found()
         if objection is not None:
             return f"the cause persists: {objection}"
         up = ~(self._pressure_pa < self._config.open_below_gauge_pa)
@@ -446,7 +458,7 @@ class Arbiter:
     def obstacle(self, time_s: float) -> str | None:
         """Return what keeps any grasp from starting (a fault of a part, no valid pressures), or None."""
         self._update(time_s)
-        return self._ill_health() or self._unreadable()
+        return self._unready()
 
     # Decision
 
@@ -471,10 +483,23 @@ class Arbiter:
         over = self._pressure_pa > self._over_pressure_pa
         if over.any() and not (self._situation.phase is Phase.FAULT and self._situation.air is Air.VENT):
             self._fault(f"over-pressure, above {self._over_pressure_pa:g} Pa: {self._readings(over)}", Air.VENT)
+        elif self._answer_findings():
+            return
         elif self._situation.phase in _GRASPING:
             self._while_grasping()
         elif self._situation.phase is Phase.RELEASING:
             self._while_releasing()
+
+    def _answer_findings(self) -> bool:
+        """Answer what was found of the valves by the table; return whether that changed the phase or the air."""
+        if not self._findings:
+            return False
+        now = self._situation
+        answer, cause = respond(self._findings, now.phase)
+        if answer is Response.REGULATE or now.air is Air.VENT or (now.phase is Phase.FAULT and now.air is answer.air):
+            return False
+        self._fault(cause, answer.air)
+        return True
 
     def _while_grasping(self) -> None:
         holding = self._situation.phase is Phase.HOLDING
@@ -517,6 +542,7 @@ class Arbiter:
         self._enter(replace(self._situation, phase=Phase.FAULT, source=Source.SAFETY, air=air, reason=cause))
 
     def _enter(self, situation: _Situation) -> None:
+        self._own_setpoints = [*self._own_setpoints[-2:], self._setpoint_pa]  # may still be under way
         if situation.air is Air.VENT or situation.phase in (Phase.IDLE, Phase.RELEASING):
             self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
             situation = replace(situation, grasp_pose=None)
@@ -543,10 +569,26 @@ class Arbiter:
             return "releasing; ask again once idle"
         if now.phase in _GRASPING and source <= now.source:
             return f"{_words(now)} is not preempted by the {source.name.lower()}; call grasp/release first"
-        return self._ill_health() or self._unreadable()
+        return self._unready()
+
+    def _unready(self) -> str | None:
+        """Return what keeps a grasp from starting, or None."""
+        return self._ill_health() or self._unreadable() or self._found() or self._pressure_where_none_belongs()
 
     def _ill_health(self) -> str | None:
-        return "; ".join(f"{source}: {message or 'fault'}" for source, message in self._unhealthy.items()) or None
+        ill = [f"{source}: {message or 'fault'}" for source, message in self._unhealthy.items()]
+        if self._time_s < self._foreign_until_s:
+            ill.append("set-points of another than this arbiter reach the valves; is there a second one?")
+        return "; ".join(ill) or None
+
+    def _found(self) -> str | None:
+        return "; ".join(finding.text for finding in self._findings) or None
+
+    def _pressure_where_none_belongs(self) -> str | None:
+        up = self._pressure_pa > self._config.open_below_gauge_pa
+        if self._situation.phase is not Phase.IDLE or not up.any():
+            return None
+        return f"pressure in an idle chamber: {self._readings(up)}; a valve may leak"
 
     def _unreadable(self) -> str | None:
         """Channels without a valid reading at this moment."""
