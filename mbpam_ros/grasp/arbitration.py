@@ -23,8 +23,9 @@ fault      release (lets go of an object a fault has kept)              fault   
 fault      reset, pressures down and known, no fault reported           idle                 regulate to 0
 ========== ============================================================ ==================== ==============
 
-The bend estimate comes from pressures alone, so it cannot see an object between the fingers. Whether something is held
-is therefore reported as not observable, unless a contact measurement is handed in.
+The bend estimate comes from pressures alone, so it cannot see an object between the fingers: contact is reported as not
+observable, unless a measurement of it is handed in. Whether something is held is judged from the air that the chambers
+took and, once the hand is up, from the camera (:mod:`~mbpam_ros.grasp.holding`). It is reported, and decides nothing.
 """
 
 from __future__ import annotations
@@ -41,7 +42,10 @@ from numpy.typing import ArrayLike, NDArray
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import load_config, require_positive
+from mbpam_ros.grasp.empty_hand import load_empty_hand
 from mbpam_ros.grasp.grip_pressure import NOTHING_EXPECTED, Expected, GripConfig, GripPlanner, load_grip_table
+from mbpam_ros.grasp.holding import NOTHING_KNOWN, HoldingConfig, Verdict
+from mbpam_ros.grasp.holding_watch import HoldingWatch
 from mbpam_ros.grasp.modes import MODE_NAMES, GraspMode
 from mbpam_ros.grasp.phases import Phase as Phase
 from mbpam_ros.grasp.responses import Response, respond
@@ -49,7 +53,9 @@ from mbpam_ros.grasp.selection import DetectedObject, GraspChoice, ModeSelector,
 from mbpam_ros.grasp.sightings import Sightings
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.pneumatics.air_switch import Air
+from mbpam_ros.pneumatics.config import PneumaticsConfig
 from mbpam_ros.pneumatics.findings import Finding
+from mbpam_ros.pneumatics.registry import HAS_VOLUME
 
 
 class Source(IntEnum):
@@ -127,6 +133,7 @@ class GraspConfig:
     selection: SelectionConfig
     arbitration: ArbitrationConfig
     grip: GripConfig = GripConfig()
+    holding: HoldingConfig = HoldingConfig()
 
 
 def load_grasp_config(name: str | Path = "grasp.yaml") -> GraspConfig:
@@ -149,6 +156,25 @@ def build_selector(config: GraspConfig, gripper: Gripper, modes: Mapping[str, Gr
     if config.grip.table is not None:
         grip = GripPlanner(config.grip, load_grip_table(config.grip.table), gripper.pressure_limit_gauge_pa)
     return ModeSelector(config.selection, gripper, modes, grip)
+
+
+def build_holding_watch(
+    config: GraspConfig, gripper: Gripper, pneumatics: PneumaticsConfig, model: str
+) -> HoldingWatch:
+    """Return what judges whether something is held.
+
+    The air is listened to where the pneumatic ``model`` knows the chambers' volumes and the configuration how to weigh
+    it.
+
+    Raises:
+        ConfigError: a table is missing that the configuration asks for.
+        RodSolutionError: the gripper's design has no rod law.
+    """
+    if not (model in HAS_VOLUME and config.holding.air and config.grip.table is not None):
+        return HoldingWatch(config.holding)
+    from mbpam_ros.grasp.air_bend import AirBend  # compiles a model that others do without
+
+    return HoldingWatch(config.holding, AirBend(gripper, pneumatics.chamber), load_empty_hand(config.grip.table))
 
 
 @dataclass(frozen=True)
@@ -179,6 +205,7 @@ class Decision(_Situation):
         grasp_pose: wrist pose that lines the mode up with the object; only for the camera's grasps.
         grip_gauge_pa: pressure chosen for the object; none: that of the mode.
         contact: whether an object is touched, as far as that was measured.
+        holding: whether something is held, as far as air and camera tell; not known but while holding.
         setpoint_gauge_pa: shape (16,) [Pa gauge], read-only, always finite and within 0 .. pressure limit.
         informed: all pressures had been read at least once. Before, the rest of the decision means nothing: nobody
             knows whether the chambers hold something, which zeros would drop.
@@ -186,6 +213,7 @@ class Decision(_Situation):
     """
 
     contact: Contact
+    holding: Verdict
     setpoint_gauge_pa: NDArray[np.float64]
     informed: bool
     changed: bool
@@ -200,6 +228,9 @@ class Decision(_Situation):
             "source": self.source.name.lower(),
             "object": self.object_label,
             "contact": self.contact.value,
+            "holding": self.holding.holding.value,
+            "holding_confidence": f"{self.holding.confidence:.2f}",
+            "holding_by": ", ".join(self.holding.by),
             "air": self.air.value,
             "reason": self.reason,
         }
@@ -207,6 +238,9 @@ class Decision(_Situation):
 
 _SEES_BELOW_PA = 10e3
 """Fingers under less pressure have bent by no more than a few degrees."""
+
+_JUDGE_EVERY_S = 0.5
+"""How often the air is asked whether something is held."""
 
 _OPEN = _Situation(Phase.IDLE, Source.NONE, Air.REGULATE, "open")
 _GRASPING = (Phase.CLOSING, Phase.HOLDING)
@@ -227,6 +261,7 @@ class Arbiter:
         selector: picks the mode of a detected object.
         pressure_limit_gauge_pa: greatest grip pressure.
         over_pressure_gauge_pa: a chamber above it is a fault.
+        holding: judges whether something is held; by default by the camera alone.
 
     Raises:
         ValueError: a mode's grip pressure is above the limit.
@@ -239,6 +274,7 @@ class Arbiter:
         selector: ModeSelector,
         pressure_limit_gauge_pa: float,
         over_pressure_gauge_pa: float,
+        holding: HoldingWatch | None = None,
     ) -> None:
         for name in MODE_NAMES:
             grip_pa = getattr(config.grip_pressure_gauge_pa, name)
@@ -258,6 +294,8 @@ class Arbiter:
         self._sightings = Sightings(config.object_moved_m, config.detection_stale_s)
         self._blind = ""
         self._target: DetectedObject | None = None
+        self._holding = HoldingWatch(HoldingConfig()) if holding is None else holding
+        self._judged, self._judged_at_s, self._raised = NOTHING_KNOWN, -math.inf, False
         self._expected = NOTHING_EXPECTED
         self._touching = False
         self._touched_at_s = -math.inf
@@ -272,7 +310,7 @@ class Arbiter:
         self._settled_changed_s = 0.0
         self._was_settled = False
         self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
-        self._last: tuple[_Situation, Contact, bool] | None = None
+        self._last: tuple[_Situation, Contact, tuple[object, ...], bool] | None = None
 
     @property
     def phase(self) -> Phase:
@@ -314,11 +352,18 @@ class Arbiter:
         self._sightings.take(self._time_s - age_s, objects)
         self._blind = ""
         now = self._situation
+        if self._raised and now.phase is Phase.HOLDING:
+            self._holding.look(self._sightings.newest)
         still_open = bool((self._pressure_pa < _SEES_BELOW_PA).all())  # later fingers hide it, or have moved it
         if now.phase is Phase.CLOSING and now.source is Source.CAMERA and self._target is not None and still_open:
             lost = self._sightings.lost(self._target)
             if lost is not None:
-                self._enter(replace(now, phase=Phase.RELEASING, reason=f"{lost}; not closed upon"))
+                self._enter(replace(_OPEN, reason=f"{lost}; not closed upon"))
+
+    def observe_valves(self, time_s: float, spool: ArrayLike) -> None:
+        """Take the spool openings that the valves are commanded, shape (16,), -1 (vent) to 1 (fill)."""
+        self._advance(time_s)
+        self._holding.valves(self._time_s, np.asarray(spool, dtype=float))
 
     def forget_detections(self, reason: str) -> None:
         """Have the camera's grasps refused for ``reason`` until it is heard of again."""
@@ -405,8 +450,7 @@ class Arbiter:
         unrest = self._sightings.unrest(choice.target)
         if unrest is not None:
             return Answer(False, f"{choice.target.label}: {unrest}")
-        self._target = choice.target
-        return self._close(_chosen_by_camera(choice))
+        return self._close(_chosen_by_camera(choice), choice.target)
 
     def release(self, time_s: float) -> Answer:
         """Operator: open. In a fault it vents what the fault has kept, and the fault stays."""
@@ -455,6 +499,19 @@ class Arbiter:
         up = ~(self._pressure_pa < self._config.open_below_gauge_pa)
         return f"pressure is still up: {self._readings(up)}; wait until vented" if up.any() else None
 
+    def check(self, time_s: float) -> Answer:
+        """Operator: the hand is up; say whether it holds something. From now on what the camera sees counts for it."""
+        self._update(time_s)
+        if self._situation.phase is not Phase.HOLDING:
+            return Answer(False, f"the gripper is {self._situation.phase.value}: nothing is closed upon")
+        self._raised = True
+        if self._time_s - self._sightings.time_s <= self._config.detection_stale_s:
+            self._holding.look(self._sightings.newest)
+        self._judge()
+        found = self._judged
+        senses = ", ".join(found.by) or "no sense"
+        return Answer(True, f"{found.holding.value}: {found.probability:.0%} that something is held, by {senses}")
+
     def obstacle(self, time_s: float) -> str | None:
         """Return what keeps any grasp from starting (a fault of a part, no valid pressures), or None."""
         self._update(time_s)
@@ -465,11 +522,17 @@ class Arbiter:
     def tick(self, time_s: float) -> Decision:
         """Return what the gripper does now. Call it at a steady rate, and after each request."""
         self._update(time_s)
-        current = (self._situation, self._contact(), self._informed)
+        if self._situation.phase is not Phase.HOLDING:
+            self._judged = NOTHING_KNOWN
+        elif not 0.0 <= self._time_s - self._judged_at_s < _JUDGE_EVERY_S:
+            self._judge()
+        told = self._judged.holding, self._judged.by
+        current = (self._situation, self._contact(), told, self._informed)
         changed, self._last = current != self._last, current
         return Decision(
             **vars(self._situation),
             contact=current[1],
+            holding=self._judged,
             setpoint_gauge_pa=self._setpoint_pa,
             informed=self._informed,
             changed=changed,
@@ -528,9 +591,15 @@ class Arbiter:
             cause = self._stale() or self._readings(up)
             self._fault(f"did not vent in {self._config.release_timeout_s:g} s: {cause}", Air.VENT)
 
-    def _close(self, situation: _Situation) -> Answer:
+    def _judge(self) -> None:
+        self._judged, self._judged_at_s = self._holding.feel(self._pressure_pa), self._time_s
+
+    def _close(self, situation: _Situation, target: DetectedObject | None = None) -> Answer:
         before = self._situation
         self._enter(situation)
+        self._target, self._raised = target, False
+        pose = situation.mode, situation.quarter_turns, situation.mirrored
+        self._holding.begin(self._time_s, self._pressure_pa, self._setpoint_pa, pose, target)
         preempted = f", preempts the {_words(before)}" if before.phase in _GRASPING else ""
         return Answer(True, f"closing in {situation.mode}: {situation.reason}{preempted}")
 

@@ -225,6 +225,11 @@ class IsoChambers(PneumaticModel):
         )
         super().__init__(config)
 
+    @property
+    def amount_j(self) -> Vector:
+        """Gas in each chamber and its line, n = p V [J], shape (16,)."""
+        return self._amount.copy()
+
     def reset(self, pressure_gauge_pa: ArrayLike = 0.0) -> None:
         """Close all valves at the given pressures, muscles straight, the tank at the regulated pressure."""
         super().reset(pressure_gauge_pa)
