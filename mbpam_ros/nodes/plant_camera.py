@@ -23,13 +23,15 @@ OPTICAL_FRAME = "camera_optical"
 DEFAULT_FLOOR_DEPTH_M = 0.5
 STILL_TURN_RAD = 1e-3
 STILL_DISTANCE_M = 1e-4
+STILL_NOISE_VALUES = 500
 
 
 class PlantCamera:
     """Camera images of the simulated scene on ``camera/image_raw`` and ``camera/camera_info``; depth where asked for.
 
     One frame is rendered at a time in a thread of its own, so that a slow frame delays no transducer; a frame asked
-    for meanwhile is dropped, as a camera would. A scene that has not moved since the last frame is not rendered anew.
+    for meanwhile is dropped, as a camera would. A scene that has not moved since the last frame is not rendered anew,
+    but some of its noise is: pictures that repeat to the bit are those of a camera that has stopped.
 
     Args:
         node: publishes for it; its parameters ``camera`` and ``seed`` are read.
@@ -60,7 +62,7 @@ class PlantCamera:
             return
         pose = _pose_vector(observation)
         if self._last_data is not None and _is_still(pose, self._last_pose):
-            self._publish(self._last_data, stamp)
+            self._publish((self._with_fresh_noise(self._last_data[0]), self._last_data[1]), stamp)
             return
         self._last_pose = pose
         self._exposure = self._thread.submit(self._render, self._view(observation)), stamp
@@ -79,6 +81,14 @@ class PlantCamera:
         if not self._with_depth:
             return image, None
         return image, array.array("B", self._renderer.render_depth(view, self._rng).tobytes())
+
+    def _with_fresh_noise(self, data: array.array) -> array.array:
+        """Return a picture in which a few values are another grey level."""
+        fresh = array.array("B", data)
+        values = np.frombuffer(fresh, dtype=np.uint8)
+        where = self._rng.integers(len(values), size=STILL_NOISE_VALUES)
+        values[where] ^= 1
+        return fresh
 
     def _publish(self, frame: _Frame, stamp: Time) -> None:
         data, depth_data = frame

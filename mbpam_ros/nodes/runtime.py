@@ -129,6 +129,7 @@ class GripperNode(Node):
         self.instance = Instance.of_this_process()
         self.rivals: tuple[Instance, ...] = ()
         self._sign_of_life = Header(frame_id=str(self.instance))
+        self._beats = Lateness(PERIOD_S, LATENESS_MEMORY_S)
         self._alive = self.create_publisher(Header, alive_topic(self.get_name()), STREAM)
         self._same_name = self.signs_of(self.get_name())
         self.create_timer(PERIOD_S, self._beat, clock=self._steady_clock)
@@ -212,7 +213,8 @@ class GripperNode(Node):
         known: list[tuple[Instance, ...]] = [()]
 
         def look() -> None:
-            alive = signs.look(time.monotonic())
+            now_s = time.monotonic()
+            alive = signs.look(now_s, self._beats.worst_s(now_s))
             if alive != known[0]:
                 known[0] = alive
                 changed(alive)
@@ -233,11 +235,13 @@ class GripperNode(Node):
     def _beat(self) -> None:
         """Give a sign of life, look for another node of this name, and send what answers wait."""
         now_s = time.monotonic()
+        self._beats.call(now_s)
         if not self.value("use_sim_time"):  # simulated time waits for the computer
             self._lateness.call(now_s)
         self._sign_of_life.stamp = self.now_stamp()
         self._alive.publish(self._sign_of_life)
-        rivals = tuple(each for each in self._same_name.look(now_s) if each != self.instance)
+        alive = self._same_name.look(now_s, self._beats.worst_s(now_s))
+        rivals = tuple(each for each in alive if each != self.instance)
         if rivals != self.rivals:
             self.rivals = rivals
             self.rivals_changed()
