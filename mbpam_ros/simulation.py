@@ -14,21 +14,35 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from typing import TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.actuator.chambers import CHANNEL_COUNT
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.errors import MbpamError
-from mbpam_ros.grasp.arbitration import Arbiter, Decision, GraspConfig, Phase, build_selector, load_grasp_config
+from mbpam_ros.grasp.arbitration import (
+    Arbiter,
+    Decision,
+    GraspConfig,
+    Phase,
+    build_holding_watch,
+    build_selector,
+    load_grasp_config,
+)
 from mbpam_ros.grasp.grip_pressure import NOTHING_EXPECTED, Expected
+from mbpam_ros.grasp.holding_watch import HoldingWatch
 from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
 from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.fidelity import Fidelity, FidelityRequest
 from mbpam_ros.plant.plant import Observation, build_plant
 from mbpam_ros.plant.scene import Scene, load_scene
-from mbpam_ros.pneumatics.air_switch import AirSwitch
-from mbpam_ros.pneumatics.config import load_pneumatics
-from mbpam_ros.pneumatics.controller import PressureController
-from mbpam_ros.pneumatics.sensing import PressureSensing
+from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
+from mbpam_ros.pneumatics.findings import Finding
+from mbpam_ros.pneumatics.machine_faults import MachineFault
+from mbpam_ros.pneumatics.sensing import ChannelStatus, PressureSensing
+from mbpam_ros.pneumatics.valve_guard import GuardedValves
 
 TICK_S = 0.01
 """Period of sensing, arbitration and valves: the nodes' 100 Hz."""
@@ -74,11 +88,15 @@ class Simulation:
         grip_pressure_gauge_pa: of every mode; none for those of ``grasp.yaml``.
         seed: of the transducers' noise. The same seed and calls give the same bits.
         expected: what is known of the object besides what is seen; with its mass the grip is as hard as that asks for.
+        real_pneumatics: of the plant, where it is not what loops and judgement take it for; none for the same.
+        grasp: how grasps are chosen and judged; by default ``grasp.yaml``.
 
     Attributes:
         seen: what there is after the last tick.
+        pressure_gauge_pa: last measured, shape (16,); NaN before the first tick.
         decision: what the arbiter has decided last.
         scene: what is there.
+        channel_status: what the sensing has said last of each channel; empty before the first tick.
 
     Raises:
         ConfigError: a file is wrong, no plan fits, or the grip pressure is above the gripper's limit.
@@ -93,19 +111,24 @@ class Simulation:
         grip_pressure_gauge_pa: float | None = None,
         seed: int = 0,
         expected: Expected = NOTHING_EXPECTED,
+        real_pneumatics: PneumaticsConfig | None = None,
+        grasp: GraspConfig | None = None,
     ) -> None:
         scene, request = load_scene(scene) if isinstance(scene, str) else (scene, FidelityRequest())
         gripper = load_gripper() if gripper is None else gripper
         self.scene = scene
         pneumatics = load_pneumatics()
         limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
-        self._arbiter = _arbiter(gripper, load_grasp_config(), grip_pressure_gauge_pa)
+        grasp = load_grasp_config() if grasp is None else grasp
+        holding = build_holding_watch(grasp, gripper, pneumatics, (fidelity or request).pneumatics or pneumatics.model)
+        self._arbiter = _arbiter(gripper, grasp, grip_pressure_gauge_pa, holding)
         self._arbiter.expect(expected)
-        self._plant = build_plant(scene, fidelity or request, gripper, pneumatics, seed=seed)
+        self._plant = build_plant(scene, fidelity or request, gripper, real_pneumatics or pneumatics, seed=seed)
         self._sensing = PressureSensing(pneumatics.sensing, pneumatics.transducer)
-        self._controller = PressureController(pneumatics.controller, *limits)
-        self._switch = AirSwitch(self._controller, switched_on=True)
+        self._valves = GuardedValves(pneumatics, *limits, switched_on=True)
+        self.channel_status: tuple[ChannelStatus, ...] = ()
         self.seen: Observation = self._plant.observe()
+        self.pressure_gauge_pa = np.full(CHANNEL_COUNT, np.nan)
         self.decision: Decision = self._arbiter.tick(self.seen.time_s)
 
     def tick(self) -> Observation:
@@ -115,12 +138,16 @@ class Simulation:
             PlantDivergedError: the plant left what can be.
         """
         now_s = self.seen.time_s
-        pressure_gauge_pa = self._sensing.update(now_s, self.seen.transducer_v).pressure_gauge_pa
-        self._arbiter.observe_pressures(now_s, pressure_gauge_pa)
+        reading = self._sensing.update(now_s, self.seen.transducer_v)
+        self.channel_status, self.pressure_gauge_pa = reading.status, reading.pressure_gauge_pa
+        self._arbiter.observe_findings(now_s, self._valves.findings)
+        self._arbiter.observe_pressures(now_s, reading.pressure_gauge_pa)
         self.decision = self._arbiter.tick(now_s)
-        self._switch.obey(self.decision.air, self.decision.phase is Phase.CLOSING)
-        self._switch.request(self.decision.setpoint_gauge_pa)
-        self._plant.step(self._controller.update(now_s, pressure_gauge_pa), TICK_S)
+        self._valves.switch.obey(self.decision.air, self.decision.phase is Phase.CLOSING)
+        self._valves.switch.request(self.decision.setpoint_gauge_pa)
+        command = self._valves.update(now_s, reading.pressure_gauge_pa)
+        self._arbiter.observe_valves(now_s, command.spool)
+        self._plant.step(self._moved(command.spool), TICK_S, command.supply_open)
         self.seen = self._plant.observe()
         return self.seen
 
@@ -223,8 +250,17 @@ class Simulation:
         """Clear a latched fault."""
         answer = self._asked(self._arbiter.reset)
         if answer.accepted:
-            self._switch.clear()
+            self._valves.switch.clear()
         return answer
+
+    def check(self, seen: Sequence[DetectedObject] | None = None) -> Answer:
+        """Ask whether the raised hand holds something.
+
+        Args:
+            seen: what the camera shows; none for what is there.
+        """
+        self._arbiter.observe_detections(self.seen.time_s, self._in_view() if seen is None else seen)
+        return self._asked(self._arbiter.check)
 
     def lift(self) -> Answer:
         """Start raising the hand."""
@@ -233,6 +269,25 @@ class Simulation:
     def lower(self) -> Answer:
         """Start lowering the hand."""
         return self._plant.lower()
+
+    # The machine
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the valves' observers have found wrong, and has not gone."""
+        return self._valves.findings
+
+    def inject(self, fault: MachineFault) -> None:
+        """Let a fault befall the machine."""
+        self._plant.inject(fault)
+
+    def repair(self) -> None:
+        """Mend all that was injected."""
+        self._plant.repair()
+
+    def _moved(self, spool: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the valves do, shape (16,), of what they are commanded; a study may have them err."""
+        return spool
 
     def _asked(self, request: Callable[[float], Answer]) -> Answer:
         answer = request(self.seen.time_s)
@@ -281,7 +336,9 @@ def _one_each(name: str, given: Value | Sequence[Value], count: int) -> list[Val
     return list(given)
 
 
-def _arbiter(gripper: Gripper, grasp: GraspConfig, grip_pressure_gauge_pa: float | None) -> Arbiter:
+def _arbiter(
+    gripper: Gripper, grasp: GraspConfig, grip_pressure_gauge_pa: float | None, holding: HoldingWatch
+) -> Arbiter:
     arbitration, modes = grasp.arbitration, load_modes()
     if grip_pressure_gauge_pa is not None:
         grip = dataclasses.replace(
@@ -291,7 +348,8 @@ def _arbiter(gripper: Gripper, grasp: GraspConfig, grip_pressure_gauge_pa: float
         selector = ModeSelector(grasp.selection, gripper, modes)
     else:
         selector = build_selector(grasp, gripper, modes)
+    limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
     try:
-        return Arbiter(arbitration, modes, selector, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa)
+        return Arbiter(arbitration, modes, selector, *limits, holding)
     except ValueError as error:
         raise ConfigError(str(error)) from error

@@ -12,12 +12,14 @@ An interrupt (Ctrl-C) keeps what is finished; the same command goes on from ther
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
 from mbpam_ros.commands.workers import add_workers, executor_for
-from mbpam_ros.configuration import ConfigError, config_path
+from mbpam_ros.configuration import config_path
 from mbpam_ros.grasp.arbitration import load_grasp_config
+from mbpam_ros.grasp.grip_pressure import TABLE
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import FidelityRequest
 from mbpam_ros.study.grasp import compare_grips
@@ -34,19 +36,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", required=True, help="where the figures go")
     parser.add_argument("--grasps", type=int, default=200, metavar="N", help="how many are drawn (default: 200)")
     parser.add_argument("--seed", type=int, default=compare_grips.SEED, help=f"default: {compare_grips.SEED}")
+    parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE", help=f"of grip-table (default: {TABLE})")
     parser.add_argument("--tier", choices=("arc", "rod"), default="rod", help="how muscles are computed (default: rod)")
     add_workers(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Compare, and print the verdict."""
-    gripper, config = load_gripper(), load_grasp_config().grip
-    if config.table is None:
-        raise ConfigError("grasp.yaml: grip.table: no table of grip pressures to judge; make one with mbpam grip-table")
+    gripper, grasp = load_gripper(), load_grasp_config()
+    grasp = replace(grasp, grip=replace(grasp.grip, table=str(options.table)))
     request = FidelityRequest(tier=options.tier, sub_step_s=_SUB_STEP_S)
     settings = {
         "sources": sources_digest(),
-        "table": sha256(config_path(config.table).read_bytes()).hexdigest()[:16],
+        "table": sha256(config_path(options.table).read_bytes()).hexdigest()[:16],
         "seed": options.seed,
         "fidelity": repr(request),
         "machine": machine(),
@@ -55,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
     make_folder_of(options.json)
     kept = ResultFile(options.json, settings, "grasps", lambda row: row["job"])
     jobs = {
-        name: (name, options.seed, number, request, gripper, config)
+        name: (name, options.seed, number, request, gripper, grasp)
         for number, name in enumerate(f"grasp {each}" for each in range(options.grasps))
     }
     with executor_for(options, len(jobs)) as executor:

@@ -18,12 +18,14 @@ holding    release                                                      releasin
 releasing  all pressures down                                           idle                 regulate to 0
 releasing  they are not before the time-out                             fault                vent
 any        stop, over-pressure, or a vent latched at the valves         fault                vent
+any        a finding of the valves: see :mod:`~mbpam_ros.grasp.responses`
 fault      release (lets go of an object a fault has kept)              fault                vent
 fault      reset, pressures down and known, no fault reported           idle                 regulate to 0
 ========== ============================================================ ==================== ==============
 
-The bend estimate comes from pressures alone, so it cannot see an object between the fingers. Whether something is held
-is therefore reported as not observable, unless a contact measurement is handed in.
+The bend estimate comes from pressures alone, so it cannot see an object between the fingers: contact is reported as not
+observable, unless a measurement of it is handed in. Whether something is held is judged from the air that the chambers
+took and, once the hand is up, from the camera (:mod:`~mbpam_ros.grasp.holding`). It is reported, and decides nothing.
 """
 
 from __future__ import annotations
@@ -40,22 +42,20 @@ from numpy.typing import ArrayLike, NDArray
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import load_config, require_positive
+from mbpam_ros.grasp.empty_hand import load_empty_hand
 from mbpam_ros.grasp.grip_pressure import NOTHING_EXPECTED, Expected, GripConfig, GripPlanner, load_grip_table
+from mbpam_ros.grasp.holding import NOTHING_KNOWN, HoldingConfig, Verdict
+from mbpam_ros.grasp.holding_watch import HoldingWatch
 from mbpam_ros.grasp.modes import MODE_NAMES, GraspMode
+from mbpam_ros.grasp.phases import Phase as Phase
+from mbpam_ros.grasp.responses import Response, respond
 from mbpam_ros.grasp.selection import DetectedObject, GraspChoice, ModeSelector, Refusal, SelectionConfig, WristPose
 from mbpam_ros.grasp.sightings import Sightings
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.pneumatics.air_switch import Air
-
-
-class Phase(Enum):
-    """Where a grasp stands."""
-
-    IDLE = "idle"
-    CLOSING = "closing"
-    HOLDING = "holding"
-    RELEASING = "releasing"
-    FAULT = "fault"
+from mbpam_ros.pneumatics.config import PneumaticsConfig
+from mbpam_ros.pneumatics.findings import Finding
+from mbpam_ros.pneumatics.registry import HAS_VOLUME
 
 
 class Source(IntEnum):
@@ -133,6 +133,7 @@ class GraspConfig:
     selection: SelectionConfig
     arbitration: ArbitrationConfig
     grip: GripConfig = GripConfig()
+    holding: HoldingConfig = HoldingConfig()
 
 
 def load_grasp_config(name: str | Path = "grasp.yaml") -> GraspConfig:
@@ -155,6 +156,25 @@ def build_selector(config: GraspConfig, gripper: Gripper, modes: Mapping[str, Gr
     if config.grip.table is not None:
         grip = GripPlanner(config.grip, load_grip_table(config.grip.table), gripper.pressure_limit_gauge_pa)
     return ModeSelector(config.selection, gripper, modes, grip)
+
+
+def build_holding_watch(
+    config: GraspConfig, gripper: Gripper, pneumatics: PneumaticsConfig, model: str
+) -> HoldingWatch:
+    """Return what judges whether something is held.
+
+    The air is listened to where the pneumatic ``model`` knows the chambers' volumes and the configuration how to weigh
+    it.
+
+    Raises:
+        ConfigError: a table is missing that the configuration asks for.
+        RodSolutionError: the gripper's design has no rod law.
+    """
+    if not (model in HAS_VOLUME and config.holding.air and config.grip.table is not None):
+        return HoldingWatch(config.holding)
+    from mbpam_ros.grasp.air_bend import AirBend  # compiles a model that others do without
+
+    return HoldingWatch(config.holding, AirBend(gripper, pneumatics.chamber), load_empty_hand(config.grip.table))
 
 
 @dataclass(frozen=True)
@@ -185,6 +205,7 @@ class Decision(_Situation):
         grasp_pose: wrist pose that lines the mode up with the object; only for the camera's grasps.
         grip_gauge_pa: pressure chosen for the object; none: that of the mode.
         contact: whether an object is touched, as far as that was measured.
+        holding: whether something is held, as far as air and camera tell; not known but while holding.
         setpoint_gauge_pa: shape (16,) [Pa gauge], read-only, always finite and within 0 .. pressure limit.
         informed: all pressures had been read at least once. Before, the rest of the decision means nothing: nobody
             knows whether the chambers hold something, which zeros would drop.
@@ -192,6 +213,7 @@ class Decision(_Situation):
     """
 
     contact: Contact
+    holding: Verdict
     setpoint_gauge_pa: NDArray[np.float64]
     informed: bool
     changed: bool
@@ -206,6 +228,9 @@ class Decision(_Situation):
             "source": self.source.name.lower(),
             "object": self.object_label,
             "contact": self.contact.value,
+            "holding": self.holding.holding.value,
+            "holding_confidence": f"{self.holding.confidence:.2f}",
+            "holding_by": ", ".join(self.holding.by),
             "air": self.air.value,
             "reason": self.reason,
         }
@@ -214,8 +239,13 @@ class Decision(_Situation):
 _SEES_BELOW_PA = 10e3
 """Fingers under less pressure have bent by no more than a few degrees."""
 
+_JUDGE_EVERY_S = 0.5
+"""How often the air is asked whether something is held."""
+
 _OPEN = _Situation(Phase.IDLE, Source.NONE, Air.REGULATE, "open")
 _GRASPING = (Phase.CLOSING, Phase.HOLDING)
+_FOREIGN_S = 1.0
+"""After set-points of another, no grasp begins for this long."""
 _AT_THE_VALVES = "vented at the valves: "
 
 
@@ -231,6 +261,7 @@ class Arbiter:
         selector: picks the mode of a detected object.
         pressure_limit_gauge_pa: greatest grip pressure.
         over_pressure_gauge_pa: a chamber above it is a fault.
+        holding: judges whether something is held; by default by the camera alone.
 
     Raises:
         ValueError: a mode's grip pressure is above the limit.
@@ -243,6 +274,7 @@ class Arbiter:
         selector: ModeSelector,
         pressure_limit_gauge_pa: float,
         over_pressure_gauge_pa: float,
+        holding: HoldingWatch | None = None,
     ) -> None:
         for name in MODE_NAMES:
             grip_pa = getattr(config.grip_pressure_gauge_pa, name)
@@ -262,18 +294,23 @@ class Arbiter:
         self._sightings = Sightings(config.object_moved_m, config.detection_stale_s)
         self._blind = ""
         self._target: DetectedObject | None = None
+        self._holding = HoldingWatch(HoldingConfig()) if holding is None else holding
+        self._judged, self._judged_at_s, self._raised = NOTHING_KNOWN, -math.inf, False
         self._expected = NOTHING_EXPECTED
         self._touching = False
         self._touched_at_s = -math.inf
         self._unhealthy: dict[str, str] = {}
+        self._findings: tuple[Finding, ...] = ()
         self._late_s, self._late_until_s = 0.0, -math.inf
+        self._own_setpoints: list[NDArray[np.float64]] = []
+        self._foreign_until_s = -math.inf
         self._situation = _OPEN
         self._informed = False
         self._since_s = 0.0
         self._settled_changed_s = 0.0
         self._was_settled = False
         self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
-        self._last: tuple[_Situation, Contact, bool] | None = None
+        self._last: tuple[_Situation, Contact, tuple[object, ...], bool] | None = None
 
     @property
     def phase(self) -> Phase:
@@ -315,11 +352,18 @@ class Arbiter:
         self._sightings.take(self._time_s - age_s, objects)
         self._blind = ""
         now = self._situation
+        if self._raised and now.phase is Phase.HOLDING:
+            self._holding.look(self._sightings.newest)
         still_open = bool((self._pressure_pa < _SEES_BELOW_PA).all())  # later fingers hide it, or have moved it
         if now.phase is Phase.CLOSING and now.source is Source.CAMERA and self._target is not None and still_open:
             lost = self._sightings.lost(self._target)
             if lost is not None:
-                self._enter(replace(now, phase=Phase.RELEASING, reason=f"{lost}; not closed upon"))
+                self._enter(replace(_OPEN, reason=f"{lost}; not closed upon"))
+
+    def observe_valves(self, time_s: float, spool: ArrayLike) -> None:
+        """Take the spool openings that the valves are commanded, shape (16,), -1 (vent) to 1 (fill)."""
+        self._advance(time_s)
+        self._holding.valves(self._time_s, np.asarray(spool, dtype=float))
 
     def forget_detections(self, reason: str) -> None:
         """Have the camera's grasps refused for ``reason`` until it is heard of again."""
@@ -337,6 +381,19 @@ class Arbiter:
             self._unhealthy.pop(source, None)
         else:
             self._unhealthy[source] = message
+
+    def observe_findings(self, time_s: float, findings: Sequence[Finding]) -> None:
+        """Take what is wrong with channels and supply, all of it; what is not among it any more has gone."""
+        self._findings = tuple(findings)
+        self._update(time_s)
+
+    def observe_setpoints(self, time_s: float, setpoint_gauge_pa: ArrayLike) -> None:
+        """Take set-points, shape (16,) [Pa gauge], as the valves get them: those of another stop a grasp."""
+        self._advance(time_s)
+        setpoint_pa = np.asarray(setpoint_gauge_pa, dtype=float)
+        own = (self._setpoint_pa, *self._own_setpoints)
+        if self._informed and not any(np.array_equal(setpoint_pa, each) for each in own):
+            self._foreign_until_s = self._time_s + _FOREIGN_S
 
     def observe_vent(self, time_s: float, reason: str) -> None:
         """Take notice that a vent is latched at the valves: by whoever, or from before this arbiter was started."""
@@ -393,8 +450,7 @@ class Arbiter:
         unrest = self._sightings.unrest(choice.target)
         if unrest is not None:
             return Answer(False, f"{choice.target.label}: {unrest}")
-        self._target = choice.target
-        return self._close(_chosen_by_camera(choice))
+        return self._close(_chosen_by_camera(choice), choice.target)
 
     def release(self, time_s: float) -> Answer:
         """Operator: open. In a fault it vents what the fault has kept, and the fault stays."""
@@ -437,27 +493,46 @@ class Arbiter:
             return f"no fault latched, the gripper is {now.phase.value}; grasp/release opens it"
         if now.air is Air.HOLD:
             return f"the fault keeps the object ({now.reason}); call grasp/release first"
-        objection = self._ill_health() or self._unreadable()
+        objection = self._ill_health() or self._unreadable() or self._found()
         if objection is not None:
             return f"the cause persists: {objection}"
         up = ~(self._pressure_pa < self._config.open_below_gauge_pa)
         return f"pressure is still up: {self._readings(up)}; wait until vented" if up.any() else None
 
+    def check(self, time_s: float) -> Answer:
+        """Operator: the hand is up; say whether it holds something. From now on what the camera sees counts for it."""
+        self._update(time_s)
+        if self._situation.phase is not Phase.HOLDING:
+            return Answer(False, f"the gripper is {self._situation.phase.value}: nothing is closed upon")
+        self._raised = True
+        if self._time_s - self._sightings.time_s <= self._config.detection_stale_s:
+            self._holding.look(self._sightings.newest)
+        self._judge()
+        found = self._judged
+        senses = ", ".join(found.by) or "no sense"
+        return Answer(True, f"{found.holding.value}: {found.probability:.0%} that something is held, by {senses}")
+
     def obstacle(self, time_s: float) -> str | None:
         """Return what keeps any grasp from starting (a fault of a part, no valid pressures), or None."""
         self._update(time_s)
-        return self._ill_health() or self._unreadable()
+        return self._unready()
 
     # Decision
 
     def tick(self, time_s: float) -> Decision:
         """Return what the gripper does now. Call it at a steady rate, and after each request."""
         self._update(time_s)
-        current = (self._situation, self._contact(), self._informed)
+        if self._situation.phase is not Phase.HOLDING:
+            self._judged = NOTHING_KNOWN
+        elif not 0.0 <= self._time_s - self._judged_at_s < _JUDGE_EVERY_S:
+            self._judge()
+        told = self._judged.holding, self._judged.by
+        current = (self._situation, self._contact(), told, self._informed)
         changed, self._last = current != self._last, current
         return Decision(
             **vars(self._situation),
             contact=current[1],
+            holding=self._judged,
             setpoint_gauge_pa=self._setpoint_pa,
             informed=self._informed,
             changed=changed,
@@ -471,10 +546,23 @@ class Arbiter:
         over = self._pressure_pa > self._over_pressure_pa
         if over.any() and not (self._situation.phase is Phase.FAULT and self._situation.air is Air.VENT):
             self._fault(f"over-pressure, above {self._over_pressure_pa:g} Pa: {self._readings(over)}", Air.VENT)
+        elif self._answer_findings():
+            return
         elif self._situation.phase in _GRASPING:
             self._while_grasping()
         elif self._situation.phase is Phase.RELEASING:
             self._while_releasing()
+
+    def _answer_findings(self) -> bool:
+        """Answer what was found of the valves by the table; return whether that changed the phase or the air."""
+        if not self._findings:
+            return False
+        now = self._situation
+        answer, cause = respond(self._findings, now.phase)
+        if answer is Response.REGULATE or now.air is Air.VENT or (now.phase is Phase.FAULT and now.air is answer.air):
+            return False
+        self._fault(cause, answer.air)
+        return True
 
     def _while_grasping(self) -> None:
         holding = self._situation.phase is Phase.HOLDING
@@ -503,9 +591,15 @@ class Arbiter:
             cause = self._stale() or self._readings(up)
             self._fault(f"did not vent in {self._config.release_timeout_s:g} s: {cause}", Air.VENT)
 
-    def _close(self, situation: _Situation) -> Answer:
+    def _judge(self) -> None:
+        self._judged, self._judged_at_s = self._holding.feel(self._pressure_pa), self._time_s
+
+    def _close(self, situation: _Situation, target: DetectedObject | None = None) -> Answer:
         before = self._situation
         self._enter(situation)
+        self._target, self._raised = target, False
+        pose = situation.mode, situation.quarter_turns, situation.mirrored
+        self._holding.begin(self._time_s, self._pressure_pa, self._setpoint_pa, pose, target)
         preempted = f", preempts the {_words(before)}" if before.phase in _GRASPING else ""
         return Answer(True, f"closing in {situation.mode}: {situation.reason}{preempted}")
 
@@ -517,6 +611,7 @@ class Arbiter:
         self._enter(replace(self._situation, phase=Phase.FAULT, source=Source.SAFETY, air=air, reason=cause))
 
     def _enter(self, situation: _Situation) -> None:
+        self._own_setpoints = [*self._own_setpoints[-2:], self._setpoint_pa]  # may still be under way
         if situation.air is Air.VENT or situation.phase in (Phase.IDLE, Phase.RELEASING):
             self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
             situation = replace(situation, grasp_pose=None)
@@ -543,10 +638,26 @@ class Arbiter:
             return "releasing; ask again once idle"
         if now.phase in _GRASPING and source <= now.source:
             return f"{_words(now)} is not preempted by the {source.name.lower()}; call grasp/release first"
-        return self._ill_health() or self._unreadable()
+        return self._unready()
+
+    def _unready(self) -> str | None:
+        """Return what keeps a grasp from starting, or None."""
+        return self._ill_health() or self._unreadable() or self._found() or self._pressure_where_none_belongs()
 
     def _ill_health(self) -> str | None:
-        return "; ".join(f"{source}: {message or 'fault'}" for source, message in self._unhealthy.items()) or None
+        ill = [f"{source}: {message or 'fault'}" for source, message in self._unhealthy.items()]
+        if self._time_s < self._foreign_until_s:
+            ill.append("set-points of another than this arbiter reach the valves; is there a second one?")
+        return "; ".join(ill) or None
+
+    def _found(self) -> str | None:
+        return "; ".join(finding.text for finding in self._findings) or None
+
+    def _pressure_where_none_belongs(self) -> str | None:
+        up = self._pressure_pa > self._config.open_below_gauge_pa
+        if self._situation.phase is not Phase.IDLE or not up.any():
+            return None
+        return f"pressure in an idle chamber: {self._readings(up)}; a valve may leak"
 
     def _unreadable(self) -> str | None:
         """Channels without a valid reading at this moment."""

@@ -58,6 +58,17 @@ class MassClasses:
                 f"mass classes must rise, found light {self.light}, medium {self.medium}, heavy {self.heavy}"
             )
 
+    def named(self, name: str) -> float:
+        """Return the mass of a class by its name [kg].
+
+        Raises:
+            ValueError: no such class.
+        """
+        classes: dict[str, float] = vars(self)
+        if name not in classes:
+            raise ValueError(f"no mass class {name!r}; known: {', '.join(classes)}")
+        return classes[name]
+
 
 @dataclass(frozen=True)
 class GripConfig:

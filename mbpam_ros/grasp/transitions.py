@@ -88,6 +88,7 @@ REQUESTS: dict[str, Request] = {
     "grasp/<mode>": lambda arbiter, time_s: arbiter.request_mode(MODE, time_s),
     "grasp/auto": lambda arbiter, time_s: arbiter.request_auto(time_s),
     "grasp/release": lambda arbiter, time_s: arbiter.release(time_s),
+    "grasp/check": lambda arbiter, time_s: arbiter.check(time_s),
     "grasp/stop": lambda arbiter, time_s: arbiter.stop(time_s),
     "grasp/reset": lambda arbiter, time_s: arbiter.reset(time_s),
 }

@@ -19,8 +19,16 @@ from visualization_msgs.msg import Marker, MarkerArray
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
-from mbpam_ros.grasp.arbitration import Arbiter, Decision, Phase, build_selector, load_grasp_config
+from mbpam_ros.grasp.arbitration import (
+    Arbiter,
+    Decision,
+    Phase,
+    build_holding_watch,
+    build_selector,
+    load_grasp_config,
+)
 from mbpam_ros.grasp.confirmation import StopConfirmation
+from mbpam_ros.grasp.grip_pressure import Expected
 from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
 from mbpam_ros.grasp.selection import DetectedObject
 from mbpam_ros.grasp.watch import HealthWatch
@@ -28,9 +36,11 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.answering import Reply
 from mbpam_ros.nodes.heartbeat import SILENCE_S, Instance
 from mbpam_ros.nodes.markers import BASE_FRAME, SHAPES, hidden_lengths
-from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, pose, pose_arrays, seconds
+from mbpam_ros.nodes.messages import MessageError, findings_in, joint_state, named_values, pose, pose_arrays, seconds
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.stamps import CLOCK_TOLERANCE, StampClock, stamp_age
+from mbpam_ros.pneumatics.config import load_pneumatics
+from mbpam_ros.pneumatics.findings import SUPPLY
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -39,6 +49,10 @@ PARAMETERS = (
     Parameter("gripper", "gripper.yaml", "gripper file: layout and pressure limit"),
     Parameter("modes", "modes.yaml", "mode file: bend azimuths of the four modes"),
     Parameter("grasp", "grasp.yaml", "grasp file: selection thresholds, grip pressures, times"),
+    Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: with the model iso6358 the air tells what is held"),
+    Parameter("object_mass_kg", 0.0, "of the object to come, at most [kg]; 0: not known", 0.0, 10.0, changeable=True),
+    Parameter("object_mass_class", "", "instead: light, medium or heavy; empty: not known", changeable=True),
+    Parameter("object_friction", 0.0, "its friction, at least; 0: as in the grasp file", 0.0, 2.0, changeable=True),
     Parameter("pressure_sensor_node", "pressure_sensor", "name of the node that senses the pressures"),
     Parameter("valve_controller_node", "valve_controller", "name of the node that moves the valves"),
     Parameter("object_detector_node", "object_detector", "name of the node that sees the objects"),
@@ -66,10 +80,11 @@ class GraspArbiterNode(GripperNode):
         config = load_grasp_config(self.text("grasp"))
         modes = load_modes(self.text("modes"))
         selector = build_selector(config, gripper, modes)
+        pneumatics = load_pneumatics(self.text("pneumatics"))
+        holding = build_holding_watch(config, gripper, pneumatics, pneumatics.model)
+        limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
         try:
-            self._arbiter = Arbiter(
-                config.arbitration, modes, selector, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
-            )
+            self._arbiter = Arbiter(config.arbitration, modes, selector, *limits, holding)
         except ValueError as error:
             raise ConfigError(f"{self.value('grasp')}: {error}") from error
         prefix = self.get_namespace().rstrip("/")
@@ -84,6 +99,7 @@ class GraspArbiterNode(GripperNode):
         self._detection_stale_s = config.arbitration.detection_stale_s
         self._open_below_gauge_pa = config.arbitration.open_below_gauge_pa
         self._clock_of_pressures = StampClock(self._pressure_stale_s, self.number("clock_tolerance_s"))
+        self._mass_classes = config.grip.mass_classes_kg
         self._vent_latched = False
         self._stopping: StopConfirmation | None = None
         self._awaited: list[Callable[[], bool]] = []
@@ -96,8 +112,11 @@ class GraspArbiterNode(GripperNode):
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 20)
         for mode in MODE_NAMES:
             self._serve(f"grasp/{mode}", partial(self._arbiter.request_mode, mode))
-        self._serve("grasp/auto", self._arbiter.request_auto)
+        self._serve("grasp/auto", self._on_auto)
         self._serve("grasp/release", self._arbiter.release)
+        self._serve("grasp/check", self._arbiter.check)
+        if holding.listens_to_air:
+            self.create_subscription(JointState, "valve_commands", self._on_valve_commands, STREAM)
         self.serve_later(Trigger, "grasp/stop", self._on_stop)
         self.serve_later(Trigger, "grasp/reset", self._on_reset)
         # Made now: an answer to a client that was made just before its call may be lost.
@@ -123,6 +142,27 @@ class GraspArbiterNode(GripperNode):
         if obstacle is not None:
             level, reason = DiagnosticStatus.WARN, f"not ready: {obstacle}"
         return Health(level, f"{phase.value}: {reason}", self._decision.key_values())
+
+    def _on_auto(self, time_s: float) -> Answer:
+        """Let the camera choose; what the parameters tell of the object decides how hard it is gripped."""
+        try:
+            self._arbiter.expect(self._expected())
+        except ValueError as error:
+            return Answer(False, str(error))
+        return self._arbiter.request_auto(time_s)
+
+    def _expected(self) -> Expected:
+        mass_kg, name = self.number("object_mass_kg"), self.text("object_mass_class")
+        if name:
+            mass_kg = self._mass_classes.named(name)
+        return Expected(mass_kg or None, self.number("object_friction") or None)
+
+    def _on_valve_commands(self, message: JointState) -> None:
+        try:
+            spool = named_values(message, CHANNEL_NAMES, "position", optional=SUPPLY)[: len(CHANNEL_NAMES)]
+            self._arbiter.observe_valves(self.now_s(), spool)
+        except (MessageError, ValueError) as error:
+            self.refuse("valve_commands", error)
 
     def rivals_changed(self) -> None:
         """Take another arbiter beside this one for a fault; neither knows what the other has asked for."""
@@ -310,6 +350,8 @@ class GraspArbiterNode(GripperNode):
             source = self._watched.get(status.name)
             if source is not None:
                 well = status.level in (DiagnosticStatus.OK, DiagnosticStatus.WARN)
+                if source == "valve_controller":
+                    self._arbiter.observe_findings(self.now_s(), findings_in(status))
                 air_on = not any(item.key == "enabled" and item.value == "false" for item in status.values)
                 self._watch.report(self.now_s(), source, well, status.message, air_on)
         self.publish_health_change()

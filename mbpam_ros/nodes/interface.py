@@ -97,7 +97,7 @@ TOPICS = (
     Topic(
         "valve_commands",
         _JOINTS,
-        "position: spool opening, -1 (vent) to +1 (fill), 100 Hz",
+        "position: spool opening, -1 (vent) to +1 (fill), 100 Hz; name supply: 1 open, 0 shut and dumped",
         ("valve_controller",),
         ("plant",),
     ),
@@ -144,7 +144,7 @@ TOPICS = (
     Topic(
         "grasp_state",
         _STATUS,
-        "phase, mode, source, object, contact, air, reason; from the first pressures on",
+        "phase, mode, source, object, contact, holding, air, reason; from the first pressures on",
         ("grasp_arbiter",),
         ("valve_controller",),
         latched=True,
@@ -181,6 +181,7 @@ SERVICES = (
     *(Service(f"grasp/{mode}", TRIGGER, "grasp_arbiter", f"close in the mode {mode}") for mode in MODE_NAMES),
     Service("grasp/auto", TRIGGER, "grasp_arbiter", "let the camera choose the mode"),
     Service("grasp/release", TRIGGER, "grasp_arbiter", "open"),
+    Service("grasp/check", TRIGGER, "grasp_arbiter", "the hand is up: say held, empty or unknown, and by which sense"),
     Service("grasp/stop", TRIGGER, "grasp_arbiter", "vent everything at once and latch a fault"),
     Service("grasp/reset", TRIGGER, "grasp_arbiter", "clear a latched fault"),
     Service("valve_controller/enable", SET_BOOL, "valve_controller", "air on or off"),

@@ -53,7 +53,7 @@ def placed(scene: Scene, gripper: Gripper, config: PlantConfig, contact: bool) -
             _refuse_inside_a_finger(scene, each, body, gripper)
         _refuse_inside_each_other(scene, bodies)
     return TierSetup(
-        geometry=gripper.geometry,
+        geometry=gripper.rod_geometry,
         finger_base_m=gripper.finger_base_m,
         gravity_m_s2=scene.gravity_m_s2,
         body=bodies[0] if bodies else None,

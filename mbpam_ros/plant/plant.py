@@ -32,6 +32,7 @@ from mbpam_ros.plant.tiers.base import (
 from mbpam_ros.plant.tiers.registry import build_tier
 from mbpam_ros.pneumatics.chamber import PneumaticModel
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
+from mbpam_ros.pneumatics.machine_faults import MachineFault, MachineFaults
 from mbpam_ros.pneumatics.registry import build_pneumatics
 from mbpam_ros.pneumatics.transducer import Transducer
 
@@ -166,6 +167,8 @@ class Plant:
         self._pressure = self._chambers.pressure_gauge_pa
         self._tier.reset(self._actuation(self._pressure))
         self._transducer = Transducer(self._pneumatics.transducer, CHANNEL_COUNT, self._seed)
+        supply_pa = self._pneumatics.chamber.supply_gauge_pa
+        self._faults = MachineFaults(self._pneumatics.transducer, supply_pa, self._seed)
         self._volts = self._transducer.measure(self._pressure)
 
     @property
@@ -183,8 +186,8 @@ class Plant:
         """Rise of the hand [m]."""
         return float(self._lift.motion(self.time_s)[0])
 
-    def step(self, spool: ArrayLike, dt_s: float) -> None:
-        """Hold the spool commands, shape (16,) in [-1, 1], for ``dt_s``.
+    def step(self, spool: ArrayLike, dt_s: float, supply_open: bool = True) -> None:
+        """Hold the spool commands, shape (16,) in [-1, 1], for ``dt_s``, and the supply's valve open or shut.
 
         Pressures act on the muscles as a straight line between the ends of the step.
 
@@ -198,7 +201,7 @@ class Plant:
             raise PlantDivergedError(f"{self._failure} Reset the plant.")
         count = self._count_sub_steps(dt_s)
         bend = {"bend_rad": self._tier.state().bend_rad} if self._chambers.has_volume else {}
-        pressure = self._chambers.step(spool, dt_s, **bend)
+        pressure = self._move_air(spool, dt_s, supply_open, bend)
         ends_s = (self._sub_steps + np.arange(count + 1)) * self.sub_step_s
         try:
             self._tier.step(self._actuation(pressure), *self._lift.motion(ends_s))
@@ -207,7 +210,33 @@ class Plant:
             raise PlantDivergedError(self._failure) from error
         self._sub_steps += count
         self._pressure = pressure
-        self._volts = self._transducer.measure(pressure)
+        if self._faults:
+            self._volts = self._faults.measure(self._transducer, pressure, dt_s)
+        else:
+            self._volts = self._transducer.measure(pressure)
+
+    def _move_air(self, spool: ArrayLike, dt_s: float, supply_open: bool, bend: dict[str, Array]) -> Array:
+        """Move the air, through what faults the machine has; return the pressures."""
+        if not self._faults:
+            self._chambers.feed(supply_open)
+            return self._chambers.step(spool, dt_s, **bend)
+        self._faults.feed(self._chambers, supply_open)
+        self._chambers.step(self._faults.command(np.asarray(spool, dtype=float), dt_s), dt_s, **bend)
+        self._faults.seep(self._chambers, dt_s)
+        return self._chambers.pressure_gauge_pa
+
+    @property
+    def supply_gauge_pa(self) -> float:
+        """Pressure before the valves [Pa gauge]."""
+        return self._chambers.supply_gauge_pa
+
+    def inject(self, fault: MachineFault) -> None:
+        """Let a fault befall the machine as it is now; it stays until :meth:`repair`."""
+        self._faults.inject(fault, self._chambers.spool, self._pressure, self._volts)
+
+    def repair(self) -> None:
+        """Mend all faults that were injected."""
+        self._faults.repair()
 
     def lift(self) -> Answer:
         """Start raising the hand; refused while it moves or when it is up."""

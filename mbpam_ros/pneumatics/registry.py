@@ -15,6 +15,10 @@ _MODELS = {
 """Modules are imported when asked for: a model that is not used costs nothing, neither does its compiler."""
 
 
+HAS_VOLUME = ("iso6358",)
+"""Models that know the chambers' volumes, and so what air is in them."""
+
+
 def pneumatic_model_names() -> tuple[str, ...]:
     """Return the names of all models, cheapest first."""
     return tuple(_MODELS)

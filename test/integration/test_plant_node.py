@@ -371,11 +371,11 @@ def test_a_camera_rate_of_zero_means_no_camera(graph):
 def test_a_step_that_diverges_stops_the_node_with_an_error_and_never_a_nan(graph, monkeypatch):
     real_step, raised = Plant.step, []
 
-    def diverge(self, spool, dt_s):
+    def diverge(self, spool, dt_s, supply_open):
         if self.time_s > 0.1 and not raised:
             raised.append(True)
             raise PlantDivergedError("diverged at 0.11 s: use a smaller sub_step_s")
-        real_step(self, spool, dt_s)
+        real_step(self, spool, dt_s, supply_open)
 
     monkeypatch.setattr(Plant, "step", diverge)
     reports = graph.listen(DiagnosticArray, "/diagnostics")

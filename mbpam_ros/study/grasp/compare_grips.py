@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Sequence
 
-from mbpam_ros.grasp.grip_pressure import GripConfig
+from mbpam_ros.grasp.arbitration import GraspConfig
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.fidelity import FidelityRequest
 from mbpam_ros.study.grasp.drawn_grasps import drawn_grasp
@@ -19,12 +19,12 @@ S_PER_GRASP = 0.8
 
 
 def compared_row(
-    name: str, seed: int, number: int, request: FidelityRequest, gripper: Gripper, config: GripConfig
+    name: str, seed: int, number: int, request: FidelityRequest, gripper: Gripper, grasp: GraspConfig
 ) -> dict[str, object]:
     """Return what came of one drawn grasp with the pressure of its mode, and with that for the object."""
-    drawn = drawn_grasp(seed, number, gripper, config)
-    by_mode = run_trial(drawn.scene, request, gripper)
-    by_object = run_trial(drawn.scene, request, gripper, expected=drawn.expected)
+    drawn = drawn_grasp(seed, number, gripper, grasp.grip)
+    by_mode = run_trial(drawn.scene, request, gripper, grasp=grasp)
+    by_object = run_trial(drawn.scene, request, gripper, expected=drawn.expected, grasp=grasp)
     spec = drawn.scene.object
     assert spec is not None
     return {

@@ -16,7 +16,7 @@ from mbpam_ros.simulation import Simulation
 
 PRESSURES_PA = (40e3, 60e3, 70e3, 80e3, 90e3, 100e3, 110e3)
 
-_STAY_S = 0.5
+_REST_S, _STAY_S = 0.1, 0.5
 
 
 def empty_scene(mode: str) -> Scene:
@@ -44,6 +44,7 @@ def empty_rows(request: FidelityRequest, gripper: Gripper) -> list[dict[str, obj
 
 def _bend_deg(mode: str, pressure_gauge_pa: float, request: FidelityRequest, gripper: Gripper) -> list[float]:
     simulation = Simulation(empty_scene(mode), request, gripper, pressure_gauge_pa)
+    simulation.run(_REST_S)
     simulation.grasp(mode)
     simulation.run_until(lambda: simulation.decision.phase is Phase.HOLDING)
     bend = simulation.run(_STAY_S).bend_rad

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbpam_ros.configuration import ConfigError
-from mbpam_ros.grasp.arbitration import Phase
+from mbpam_ros.grasp.arbitration import GraspConfig, Phase
 from mbpam_ros.grasp.grip_pressure import NOTHING_EXPECTED, Expected
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.fidelity import Fidelity, FidelityRequest
@@ -62,6 +62,7 @@ def run_trial(
     grip_pressure_gauge_pa: float | None = None,
     expected: Expected = NOTHING_EXPECTED,
     mode: str | None = None,
+    grasp: GraspConfig | None = None,
 ) -> Trial:
     """Let the object rest, close in a mode or in the one the arbiter chooses, lift, hold for :data:`HOLD_S`.
 
@@ -72,6 +73,7 @@ def run_trial(
         grip_pressure_gauge_pa: of every mode; none for those of ``grasp.yaml``.
         expected: what the arbiter is told of the object.
         mode: asked for by name, as the operator does, who need not know whether the object can be reached.
+        grasp: how grasps are chosen; by default ``grasp.yaml``.
 
     Raises:
         ConfigError: a file is wrong, the scene has no object, or the pressure is above the gripper's limit.
@@ -80,7 +82,7 @@ def run_trial(
     """
     if scene.object is None:
         raise ConfigError(f"scene {scene.name}: nothing to grasp; name an object in it")
-    simulation = Simulation(scene, fidelity, gripper, grip_pressure_gauge_pa, expected=expected)
+    simulation = Simulation(scene, fidelity, gripper, grip_pressure_gauge_pa, expected=expected, grasp=grasp)
     simulation.run(_REST_S)
     start_m, course = _body(simulation.seen).position_m[2], _Course()
     try:

@@ -8,6 +8,8 @@ import pytest
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.grasp.arbitration import Arbiter, Contact, Phase, Source, load_grasp_config
+from mbpam_ros.grasp.grip_pressure import Expected
+from mbpam_ros.grasp.holding import Holding
 from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
 from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
 from mbpam_ros.gripper import load_gripper
@@ -696,3 +698,125 @@ def test_channels_in_reasons_are_the_packages_channel_names():
     for channel, name in enumerate(CHANNEL_NAMES):
         bench.run(DT_S, one_channel(math.nan, channel))
         assert bench.ask("request_mode", "envelope").reason.endswith(name)
+
+
+# Held or not
+
+
+def held_up(seen):
+    bench = holding("camera")
+    bench.see(seen)
+    return bench, bench.ask("check")
+
+
+def test_before_the_hand_is_up_nothing_is_known_of_what_it_holds():
+    verdict = holding("camera").decision.holding
+    assert (verdict.holding, verdict.by, verdict.confidence) == (Holding.UNKNOWN, (), 0.0)
+
+
+def test_an_object_that_shows_where_it_was_after_the_lift_is_held():
+    bench, answer = held_up(BULB)
+    assert answer.accepted and answer.reason.startswith("held: 98%") and "by camera" in answer.reason
+    values = bench.decision.key_values()
+    assert (values["holding"], values["holding_by"]) == ("held", "camera")
+    assert float(values["holding_confidence"]) > 0.95
+
+
+def test_an_object_that_shows_farther_away_after_the_lift_was_left_behind():
+    _, answer = held_up(dataclasses.replace(BULB, position_m=(0.004, 0.0, 0.19)))
+    assert answer.reason.startswith("empty")
+
+
+def test_an_object_that_falls_while_it_is_held_up_is_told_from_then_on():
+    bench, _ = held_up(BULB)
+    bench.run(DT_S)
+    bench.see(dataclasses.replace(BULB, position_m=(0.004, 0.0, 0.29)))
+    bench.run(0.6)
+    assert bench.decision.holding.holding is Holding.EMPTY and bench.decision.phase is Phase.HOLDING
+
+
+def test_what_the_camera_saw_too_long_ago_tells_nothing():
+    bench = holding("camera")
+    bench.run(TIMES.detection_stale_s + 0.1)
+    assert bench.ask("check").reason.startswith("unknown") and not bench.decision.holding.by
+
+
+@pytest.mark.parametrize("where", ["idle", "closing", "releasing", "fault"])
+def test_there_is_nothing_to_check_in_a_hand_that_does_not_hold(where):
+    answer = IN_PHASE[where]("operator").ask("check")
+    assert not answer.accepted and "nothing is closed upon" in answer.reason
+
+
+def test_a_new_grasp_knows_nothing_of_what_the_last_one_held():
+    bench, _ = held_up(BULB)
+    bench.ask("release")
+    bench.run(1.0)
+    bench.see(BULB)
+    assert bench.ask("request_auto").accepted
+    bench.run(TIMES.settle_dwell_s + 0.7)
+    assert bench.decision.phase is Phase.HOLDING and bench.decision.holding.holding is Holding.UNKNOWN
+
+
+# The object that is closed upon
+
+
+def test_an_object_that_moves_before_the_fingers_do_is_not_closed_upon():
+    bench = closing("camera")
+    bench.run(DT_S, np.zeros(16))
+    bench.see(dataclasses.replace(BULB, position_m=(0.03, 0.0, 0.09)))
+    decision = bench.decision
+    assert decision.phase is Phase.IDLE and "bulb has moved by 28 mm since it was chosen" in decision.reason
+    assert not decision.setpoint_gauge_pa.any()
+
+
+def test_fingers_that_have_begun_to_bend_hide_the_object_and_close_on():
+    bench = closing("camera")
+    bench.run(DT_S)
+    bench.see()
+    assert bench.decision.phase is Phase.CLOSING
+
+
+def test_an_operators_grasp_does_not_ask_the_camera():
+    bench = closing("operator")
+    bench.run(DT_S, np.zeros(16))
+    bench.see()
+    assert bench.decision.phase is Phase.CLOSING
+
+
+def test_an_object_in_motion_is_refused_until_it_rests():
+    bench = Bench()
+    bench.see(BULB)
+    bench.run(0.2)
+    moved = dataclasses.replace(BULB, position_m=(0.025, 0.0, 0.09))
+    bench.see(moved)
+    answer = bench.ask("request_auto")
+    assert not answer.accepted and "moved by 23 mm between the last two looks" in answer.reason
+    bench.run(0.2)
+    bench.see(moved)
+    assert bench.ask("request_auto").accepted
+
+
+def test_an_object_that_has_vanished_is_named_in_the_refusal():
+    bench = Bench()
+    bench.see(BULB)
+    bench.run(0.3)
+    bench.see()
+    answer = bench.ask("request_auto")
+    assert not answer.accepted and "no object in view: bulb at (2, 0) mm was seen 0.3 s before" in answer.reason
+
+
+def test_the_camera_closes_with_the_pressure_for_the_object_it_chose():
+    bench = Bench()
+    choice = ModeSelector(CONFIG.selection, GRIPPER, MODES).select(BULB)
+
+    class Gentle:
+        def choose(self, targets, expected):
+            assert expected == Expected(0.046)
+            return dataclasses.replace(choice, grip_gauge_pa=72e3)
+
+    bench.arbiter = Arbiter(TIMES, MODES, Gentle(), LIMIT_PA, OVER_PA)
+    bench.run(DT_S)
+    bench.arbiter.expect(Expected(0.046))
+    bench.see(BULB)
+    assert bench.ask("request_auto").accepted
+    assert bench.decision.setpoint_gauge_pa.max() == bench.decision.grip_gauge_pa == 72e3
