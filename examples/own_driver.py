@@ -14,6 +14,7 @@ from sensor_msgs.msg import JointState
 
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values
+from mbpam_ros.pneumatics.findings import SUPPLY
 
 PARAMETERS = ()  # yours, as mbpam_ros.nodes.parameters.Parameter: --help shows them, ROS holds their ranges
 PERIOD_S = 0.01
@@ -63,13 +64,15 @@ class DriverNode(GripperNode):
     def on_valve_commands(self, message: JointState) -> None:
         """Take the commands, unless one of them cannot be."""
         try:
-            opening = named_values(message, CHANNEL_NAMES, "position")
+            opening = named_values(message, CHANNEL_NAMES, "position", optional=SUPPLY)
             if not (np.abs(opening) <= 1.0).all():  # NaN is refused too
-                raise MessageError("a spool opening that is not within -1 .. 1")
+                raise MessageError("an opening that is not within -1 .. 1")
         except MessageError as error:
             self.refuse("valve_commands", error)
             return
-        self.opening, self.commanded_s = opening, time.monotonic()
+        # A 17th value is for the supply's own valve: 1 open, 0 shut and what stands before the valves dumped. This
+        # hardware has none.
+        self.opening, self.commanded_s = opening[:CHANNEL_COUNT], time.monotonic()
 
     def on_period(self) -> None:
         """Move the valves, then tell what the transducers read."""

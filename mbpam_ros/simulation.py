@@ -38,10 +38,11 @@ from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.fidelity import Fidelity, FidelityRequest
 from mbpam_ros.plant.plant import Observation, build_plant
 from mbpam_ros.plant.scene import Scene, load_scene
-from mbpam_ros.pneumatics.air_switch import AirSwitch
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
-from mbpam_ros.pneumatics.controller import PressureController
-from mbpam_ros.pneumatics.sensing import PressureSensing
+from mbpam_ros.pneumatics.findings import Finding
+from mbpam_ros.pneumatics.machine_faults import MachineFault
+from mbpam_ros.pneumatics.sensing import ChannelStatus, PressureSensing
+from mbpam_ros.pneumatics.valve_guard import GuardedValves
 
 TICK_S = 0.01
 """Period of sensing, arbitration and valves: the nodes' 100 Hz."""
@@ -95,6 +96,7 @@ class Simulation:
         pressure_gauge_pa: last measured, shape (16,); NaN before the first tick.
         decision: what the arbiter has decided last.
         scene: what is there.
+        channel_status: what the sensing has said last of each channel; empty before the first tick.
 
     Raises:
         ConfigError: a file is wrong, no plan fits, or the grip pressure is above the gripper's limit.
@@ -123,8 +125,8 @@ class Simulation:
         self._arbiter.expect(expected)
         self._plant = build_plant(scene, fidelity or request, gripper, real_pneumatics or pneumatics, seed=seed)
         self._sensing = PressureSensing(pneumatics.sensing, pneumatics.transducer)
-        self._controller = PressureController(pneumatics.controller, *limits)
-        self._switch = AirSwitch(self._controller, switched_on=True)
+        self._valves = GuardedValves(pneumatics, *limits, switched_on=True)
+        self.channel_status: tuple[ChannelStatus, ...] = ()
         self.seen: Observation = self._plant.observe()
         self.pressure_gauge_pa = np.full(CHANNEL_COUNT, np.nan)
         self.decision: Decision = self._arbiter.tick(self.seen.time_s)
@@ -136,15 +138,16 @@ class Simulation:
             PlantDivergedError: the plant left what can be.
         """
         now_s = self.seen.time_s
-        pressure_gauge_pa = self._sensing.update(now_s, self.seen.transducer_v).pressure_gauge_pa
-        self.pressure_gauge_pa = pressure_gauge_pa
-        self._arbiter.observe_pressures(now_s, pressure_gauge_pa)
+        reading = self._sensing.update(now_s, self.seen.transducer_v)
+        self.channel_status, self.pressure_gauge_pa = reading.status, reading.pressure_gauge_pa
+        self._arbiter.observe_findings(now_s, self._valves.findings)
+        self._arbiter.observe_pressures(now_s, reading.pressure_gauge_pa)
         self.decision = self._arbiter.tick(now_s)
-        self._switch.obey(self.decision.air, self.decision.phase is Phase.CLOSING)
-        self._switch.request(self.decision.setpoint_gauge_pa)
-        spool = self._controller.update(now_s, pressure_gauge_pa)
-        self._arbiter.observe_valves(now_s, spool)
-        self._plant.step(self._valves(spool), TICK_S)
+        self._valves.switch.obey(self.decision.air, self.decision.phase is Phase.CLOSING)
+        self._valves.switch.request(self.decision.setpoint_gauge_pa)
+        command = self._valves.update(now_s, reading.pressure_gauge_pa)
+        self._arbiter.observe_valves(now_s, command.spool)
+        self._plant.step(self._moved(command.spool), TICK_S, command.supply_open)
         self.seen = self._plant.observe()
         return self.seen
 
@@ -247,7 +250,7 @@ class Simulation:
         """Clear a latched fault."""
         answer = self._asked(self._arbiter.reset)
         if answer.accepted:
-            self._switch.clear()
+            self._valves.switch.clear()
         return answer
 
     def check(self, seen: Sequence[DetectedObject] | None = None) -> Answer:
@@ -267,7 +270,22 @@ class Simulation:
         """Start lowering the hand."""
         return self._plant.lower()
 
-    def _valves(self, spool: NDArray[np.float64]) -> NDArray[np.float64]:
+    # The machine
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the valves' observers have found wrong, and has not gone."""
+        return self._valves.findings
+
+    def inject(self, fault: MachineFault) -> None:
+        """Let a fault befall the machine."""
+        self._plant.inject(fault)
+
+    def repair(self) -> None:
+        """Mend all that was injected."""
+        self._plant.repair()
+
+    def _moved(self, spool: NDArray[np.float64]) -> NDArray[np.float64]:
         """What the valves do, shape (16,), of what they are commanded; a study may have them err."""
         return spool
 
@@ -277,18 +295,16 @@ class Simulation:
         return answer
 
     def _in_view(self) -> list[DetectedObject]:
-        pose, seen = self.seen.object_in_gripper, self.scene.object
-        if pose is None or seen is None:
-            return []
         return [
             DetectedObject(
-                label=seen.label,
-                shape=seen.shape,
-                size_m=seen.size_m,
-                position_m=tuple(pose.position_m),
-                orientation_xyzw=tuple(pose.orientation_xyzw),
+                label=placed.object.label,
+                shape=placed.object.shape,
+                size_m=placed.object.size_m,
+                position_m=tuple(there.in_gripper.position_m),
+                orientation_xyzw=tuple(there.in_gripper.orientation_xyzw),
                 confidence=1.0,
             )
+            for placed, there in zip(self.scene.placed, self.seen.objects, strict=True)
         ]
 
 

@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+NEIGHBOUR_SHARE = 0.38
+"""How far the pressure that decides what a neighbour adds to a chamber's moment lies from the chamber's to its own."""
+
 _ROOT_HALF = math.sqrt(0.5)
 
 
@@ -75,11 +78,16 @@ def blend(pressure_gauge_pa: Array, tables: BlendTables) -> tuple[Array, Array]:
                 low, high = tables.rows[index, column], tables.rows[index + 1, column]
                 looked_up[column, chamber] = low + (place - index) * (high - low)
         for chamber in range(4):
-            before = min(pressure[chamber], pressure[(chamber + 3) % 4])
-            across = min(pressure[chamber], pressure[(chamber + 2) % 4])
-            after = min(pressure[chamber], pressure[(chamber + 1) % 4])
-            shared = before + after + across if gain[chamber] > 0.0 else max(max(before, after), across)
-            push[chamber] = alone[chamber] + gain[chamber] * shared
+            own = pressure[chamber]
+            before = min(own, pressure[(chamber + 3) % 4])
+            across = min(own, pressure[(chamber + 2) % 4])
+            after = min(own, pressure[(chamber + 1) % 4])
+            push[chamber] = alone[chamber] + min(gain[chamber], 0.0) * max(max(before, after), across)
+            if own > 0.0:
+                none = _helped(own * (1.0 - NEIGHBOUR_SHARE), tables)
+                help_before = _helped(own - NEIGHBOUR_SHARE * (own - before), tables) - (1.0 - before / own) * none
+                help_after = _helped(own - NEIGHBOUR_SHARE * (own - after), tables) - (1.0 - after / own) * none
+                push[chamber] += (help_before + help_after) + max(gain[chamber], 0.0) * across * (across / own)
             mean[chamber] += rise[chamber] * (before + after)
         # Along the diagonals at azimuth 45 and 135 deg.
         first, second = push[2] - push[0], push[3] - push[1]
@@ -93,6 +101,17 @@ def blend(pressure_gauge_pa: Array, tables: BlendTables) -> tuple[Array, Array]:
         anisotropy = (half_difference[0] + half_difference[2]) - (half_difference[1] + half_difference[3])
         stiffness[row] = tables.rest_stiffness_n_m2 * math.exp(log_rise + anisotropy * double_cosine)
     return moment, stiffness
+
+
+@njit(cache=True)
+def _helped(pressure_gauge_pa: float, tables: BlendTables) -> float:
+    """Return what a neighbour of equal pressure adds to a chamber's moment [N m]; 0 where it takes from it."""
+    last = tables.rows.shape[0] - 2
+    place = min(pressure_gauge_pa / tables.step_pa, last + 1.0)
+    index = min(int(place), last)
+    low, high = tables.rows[index, 1], tables.rows[index + 1, 1]
+    gain: float = low + (place - index) * (high - low)
+    return max(gain, 0.0) * pressure_gauge_pa
 
 
 @njit(cache=True)

@@ -2,6 +2,7 @@
 
     mbpam grasps --json FILE                              the designs initial and optimised, in tier rod
     mbpam grasps --tier arc --design initial              another tier, one design
+    mbpam grasps --strains bend stretch twist             muscles that stretch and twist, tier rod
     mbpam grasps --objects bulb own_scene.yaml            other scenes, by name or file
 
 Each grasp runs without ROS through the gripper's own sensing, mode selection, arbitration and pressure loops: rest,
@@ -15,10 +16,12 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from mbpam_ros.actuator.named_designs import INITIAL, load_design
+from mbpam_ros.actuator.strains import STRAINS
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
@@ -42,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--tier", choices=("arc", "rod"), default="rod", help="how muscles are computed (default: rod)")
     parser.add_argument(
+        "--strains", nargs="+", choices=STRAINS, help="what the muscles do (default: as the scenes have it)"
+    )
+    parser.add_argument(
         "--objects", nargs="+", default=PAPER_SCENES, metavar="NAME", help="scenes, by name or file (default: the five)"
     )
     add_workers(parser)
@@ -51,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
     """Search, and print the table."""
     gripper = load_gripper()
     grippers = {name: replace(gripper, design=load_design(name)) for name in options.design}
-    scenes = _scenes(options.objects, options.tier)
+    scenes = _scenes(options.objects, options.tier, options.strains)
     jobs = {
         f"{scene.name}, {design}": (scene, request, each, design)
         for scene, request in scenes
@@ -72,11 +78,12 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _scenes(names: list[str], tier: str) -> list[tuple[Scene, FidelityRequest]]:
+def _scenes(names: list[str], tier: str, strains: Sequence[str] | None) -> list[tuple[Scene, FidelityRequest]]:
     scenes = [load_scene(name) for name in names]
     for scene, _ in scenes:
         if scene.object is None:
             raise ConfigError(f"scene {scene.name}: nothing to grasp; name an object in it")
         if sum(each.name == scene.name for each, _ in scenes) > 1:
             raise ConfigError(f"scene {scene.name}: there are two of this name; rename the file of one")
-    return [(scene, request.in_tier(tier)) for scene, request in scenes]
+    found = [(scene, request.in_tier(tier)) for scene, request in scenes]
+    return found if strains is None else [(scene, replace(request, strains=tuple(strains))) for scene, request in found]

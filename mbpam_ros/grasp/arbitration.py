@@ -18,6 +18,7 @@ holding    release                                                      releasin
 releasing  all pressures down                                           idle                 regulate to 0
 releasing  they are not before the time-out                             fault                vent
 any        stop, over-pressure, or a vent latched at the valves         fault                vent
+any        a finding of the valves: see :mod:`~mbpam_ros.grasp.responses`
 fault      release (lets go of an object a fault has kept)              fault                vent
 fault      reset, pressures down and known, no fault reported           idle                 regulate to 0
 ========== ============================================================ ==================== ==============
@@ -46,22 +47,15 @@ from mbpam_ros.grasp.grip_pressure import NOTHING_EXPECTED, Expected, GripConfig
 from mbpam_ros.grasp.holding import NOTHING_KNOWN, HoldingConfig, Verdict
 from mbpam_ros.grasp.holding_watch import HoldingWatch
 from mbpam_ros.grasp.modes import MODE_NAMES, GraspMode
+from mbpam_ros.grasp.phases import Phase as Phase
+from mbpam_ros.grasp.responses import Response, respond
 from mbpam_ros.grasp.selection import DetectedObject, GraspChoice, ModeSelector, Refusal, SelectionConfig, WristPose
 from mbpam_ros.grasp.sightings import Sightings
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.pneumatics.air_switch import Air
 from mbpam_ros.pneumatics.config import PneumaticsConfig
+from mbpam_ros.pneumatics.findings import Finding
 from mbpam_ros.pneumatics.registry import HAS_VOLUME
-
-
-class Phase(Enum):
-    """Where a grasp stands."""
-
-    IDLE = "idle"
-    CLOSING = "closing"
-    HOLDING = "holding"
-    RELEASING = "releasing"
-    FAULT = "fault"
 
 
 class Source(IntEnum):
@@ -250,6 +244,9 @@ _JUDGE_EVERY_S = 0.5
 
 _OPEN = _Situation(Phase.IDLE, Source.NONE, Air.REGULATE, "open")
 _GRASPING = (Phase.CLOSING, Phase.HOLDING)
+_FOREIGN_S = 1.0
+"""After set-points of another, no grasp begins for this long."""
+_AT_THE_VALVES = "vented at the valves: "
 
 
 class Arbiter:
@@ -303,7 +300,10 @@ class Arbiter:
         self._touching = False
         self._touched_at_s = -math.inf
         self._unhealthy: dict[str, str] = {}
+        self._findings: tuple[Finding, ...] = ()
         self._late_s, self._late_until_s = 0.0, -math.inf
+        self._own_setpoints: list[NDArray[np.float64]] = []
+        self._foreign_until_s = -math.inf
         self._situation = _OPEN
         self._informed = False
         self._since_s = 0.0
@@ -382,11 +382,25 @@ class Arbiter:
         else:
             self._unhealthy[source] = message
 
+    def observe_findings(self, time_s: float, findings: Sequence[Finding]) -> None:
+        """Take what is wrong with channels and supply, all of it; what is not among it any more has gone."""
+        self._findings = tuple(findings)
+        self._update(time_s)
+
+    def observe_setpoints(self, time_s: float, setpoint_gauge_pa: ArrayLike) -> None:
+        """Take set-points, shape (16,) [Pa gauge], as the valves get them: those of another stop a grasp."""
+        self._advance(time_s)
+        setpoint_pa = np.asarray(setpoint_gauge_pa, dtype=float)
+        own = (self._setpoint_pa, *self._own_setpoints)
+        if self._informed and not any(np.array_equal(setpoint_pa, each) for each in own):
+            self._foreign_until_s = self._time_s + _FOREIGN_S
+
     def observe_vent(self, time_s: float, reason: str) -> None:
         """Take notice that a vent is latched at the valves: by whoever, or from before this arbiter was started."""
         self._advance(time_s)
         if not (self._situation.phase is Phase.FAULT and self._situation.air is Air.VENT):
-            self._fault(f"vented at the valves: {reason}", Air.VENT)
+            # Valves started anew took it from the word of an arbiter, which had it from the valves before.
+            self._fault(f"{_AT_THE_VALVES}{reason.removeprefix(_AT_THE_VALVES)}", Air.VENT)
 
     def observe_contact(self, time_s: float, touching: bool) -> None:
         """Take a measured contact, should the gripper have a sensor for it. It is reported, and decides nothing."""
@@ -479,7 +493,7 @@ class Arbiter:
             return f"no fault latched, the gripper is {now.phase.value}; grasp/release opens it"
         if now.air is Air.HOLD:
             return f"the fault keeps the object ({now.reason}); call grasp/release first"
-        objection = self._ill_health() or self._unreadable()
+        objection = self._ill_health() or self._unreadable() or self._found()
         if objection is not None:
             return f"the cause persists: {objection}"
         up = ~(self._pressure_pa < self._config.open_below_gauge_pa)
@@ -501,7 +515,7 @@ class Arbiter:
     def obstacle(self, time_s: float) -> str | None:
         """Return what keeps any grasp from starting (a fault of a part, no valid pressures), or None."""
         self._update(time_s)
-        return self._ill_health() or self._unreadable()
+        return self._unready()
 
     # Decision
 
@@ -532,10 +546,23 @@ class Arbiter:
         over = self._pressure_pa > self._over_pressure_pa
         if over.any() and not (self._situation.phase is Phase.FAULT and self._situation.air is Air.VENT):
             self._fault(f"over-pressure, above {self._over_pressure_pa:g} Pa: {self._readings(over)}", Air.VENT)
+        elif self._answer_findings():
+            return
         elif self._situation.phase in _GRASPING:
             self._while_grasping()
         elif self._situation.phase is Phase.RELEASING:
             self._while_releasing()
+
+    def _answer_findings(self) -> bool:
+        """Answer what was found of the valves by the table; return whether that changed the phase or the air."""
+        if not self._findings:
+            return False
+        now = self._situation
+        answer, cause = respond(self._findings, now.phase)
+        if answer is Response.REGULATE or now.air is Air.VENT or (now.phase is Phase.FAULT and now.air is answer.air):
+            return False
+        self._fault(cause, answer.air)
+        return True
 
     def _while_grasping(self) -> None:
         holding = self._situation.phase is Phase.HOLDING
@@ -584,6 +611,7 @@ class Arbiter:
         self._enter(replace(self._situation, phase=Phase.FAULT, source=Source.SAFETY, air=air, reason=cause))
 
     def _enter(self, situation: _Situation) -> None:
+        self._own_setpoints = [*self._own_setpoints[-2:], self._setpoint_pa]  # may still be under way
         if situation.air is Air.VENT or situation.phase in (Phase.IDLE, Phase.RELEASING):
             self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
             situation = replace(situation, grasp_pose=None)
@@ -610,10 +638,26 @@ class Arbiter:
             return "releasing; ask again once idle"
         if now.phase in _GRASPING and source <= now.source:
             return f"{_words(now)} is not preempted by the {source.name.lower()}; call grasp/release first"
-        return self._ill_health() or self._unreadable()
+        return self._unready()
+
+    def _unready(self) -> str | None:
+        """Return what keeps a grasp from starting, or None."""
+        return self._ill_health() or self._unreadable() or self._found() or self._pressure_where_none_belongs()
 
     def _ill_health(self) -> str | None:
-        return "; ".join(f"{source}: {message or 'fault'}" for source, message in self._unhealthy.items()) or None
+        ill = [f"{source}: {message or 'fault'}" for source, message in self._unhealthy.items()]
+        if self._time_s < self._foreign_until_s:
+            ill.append("set-points of another than this arbiter reach the valves; is there a second one?")
+        return "; ".join(ill) or None
+
+    def _found(self) -> str | None:
+        return "; ".join(finding.text for finding in self._findings) or None
+
+    def _pressure_where_none_belongs(self) -> str | None:
+        up = self._pressure_pa > self._config.open_below_gauge_pa
+        if self._situation.phase is not Phase.IDLE or not up.any():
+            return None
+        return f"pressure in an idle chamber: {self._readings(up)}; a valve may leak"
 
     def _unreadable(self) -> str | None:
         """Channels without a valid reading at this moment."""

@@ -272,8 +272,8 @@ def _hanging(gripper: Gripper, chambers: int, pressures: tuple[float, ...]) -> t
     azimuth = math.pi / 4.0 if chambers == 1 else 0.0
     pressure = np.outer(pressures, pressurised_chambers(azimuth))
     moment, stiffness = law.moment_and_stiffness(pressure)
-    bend = resting_bend(moment, stiffness, gripper.geometry, np.array(HANGING))
-    rods = FreeRods(law, gripper.geometry, ("bend",)).at_rest(moment, pressure, HANGING, bend)
+    bend = resting_bend(moment, stiffness, gripper.rod_geometry, np.array(HANGING))
+    rods = FreeRods(law, gripper.rod_geometry, ("bend",)).at_rest(moment, pressure, HANGING, bend)
     length = gripper.geometry.length_m
     along = np.linspace(0.0, length, 1 + round(length / _SPACING_M))
     line = np.stack(

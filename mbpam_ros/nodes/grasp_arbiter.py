@@ -36,10 +36,11 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.answering import Reply
 from mbpam_ros.nodes.heartbeat import SILENCE_S, Instance
 from mbpam_ros.nodes.markers import BASE_FRAME, SHAPES, hidden_lengths
-from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, pose, pose_arrays, seconds
+from mbpam_ros.nodes.messages import MessageError, findings_in, joint_state, named_values, pose, pose_arrays, seconds
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.stamps import CLOCK_TOLERANCE, StampClock, stamp_age
 from mbpam_ros.pneumatics.config import load_pneumatics
+from mbpam_ros.pneumatics.findings import SUPPLY
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -158,7 +159,8 @@ class GraspArbiterNode(GripperNode):
 
     def _on_valve_commands(self, message: JointState) -> None:
         try:
-            self._arbiter.observe_valves(self.now_s(), named_values(message, CHANNEL_NAMES, "position"))
+            spool = named_values(message, CHANNEL_NAMES, "position", optional=SUPPLY)[: len(CHANNEL_NAMES)]
+            self._arbiter.observe_valves(self.now_s(), spool)
         except (MessageError, ValueError) as error:
             self.refuse("valve_commands", error)
 
@@ -348,6 +350,8 @@ class GraspArbiterNode(GripperNode):
             source = self._watched.get(status.name)
             if source is not None:
                 well = status.level in (DiagnosticStatus.OK, DiagnosticStatus.WARN)
+                if source == "valve_controller":
+                    self._arbiter.observe_findings(self.now_s(), findings_in(status))
                 air_on = not any(item.key == "enabled" and item.value == "false" for item in status.values)
                 self._watch.report(self.now_s(), source, well, status.message, air_on)
         self.publish_health_change()

@@ -33,6 +33,10 @@ def alive_topic(node_name: str) -> str:
     return f"{node_name}/alive"
 
 
+HELD_UP_S = 0.03
+"""By less a process is held up all the time."""
+
+
 @dataclass(frozen=True)
 class Instance:
     """One run of a node.
@@ -83,10 +87,17 @@ class SignsOfLife:
         self.heard = True
         self._silence_s[instance] = 0.0
 
-    def look(self, now_s: float) -> tuple[Instance, ...]:
-        """Return the runs that are alive at ``now_s`` [s] of a clock that nobody can set; call it steadily."""
+    def look(self, now_s: float, held_up_s: float = 0.0) -> tuple[Instance, ...]:
+        """Return the runs that are alive; call it steadily.
+
+        Args:
+            now_s: now, of a clock that nobody can set.
+            held_up_s: for how long the listener itself was held up lately; then others may have been too, and are given
+                as much more time.
+        """
+        patience_s = SILENCE_S + (held_up_s if held_up_s > HELD_UP_S else 0.0)
         passed_s = 0.0 if self._looked_s is None else min(now_s - self._looked_s, LONGEST_LOOK_S)
         self._looked_s = now_s
         silence_s = {instance: so_far_s + passed_s for instance, so_far_s in self._silence_s.items()}
-        self._silence_s = {instance: each_s for instance, each_s in silence_s.items() if each_s <= SILENCE_S}
+        self._silence_s = {instance: each_s for instance, each_s in silence_s.items() if each_s <= patience_s}
         return tuple(self._silence_s)

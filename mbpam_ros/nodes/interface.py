@@ -97,7 +97,7 @@ TOPICS = (
     Topic(
         "valve_commands",
         _JOINTS,
-        "position: spool opening, -1 (vent) to +1 (fill), 100 Hz",
+        "position: spool opening, -1 (vent) to +1 (fill), 100 Hz; name supply: 1 open, 0 shut and dumped",
         ("valve_controller",),
         ("plant",),
     ),

@@ -5,9 +5,11 @@ from __future__ import annotations
 import array
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3Stamped
 from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import Image, JointState
@@ -15,6 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.answer import Answer
 from mbpam_ros.errors import MbpamError
+from mbpam_ros.pneumatics.findings import Finding, FindingError
 
 
 class MessageError(MbpamError, ValueError):
@@ -86,10 +89,15 @@ def rgb_image(pixels: NDArray[np.uint8]) -> Image:
     return image
 
 
-def named_values(message: JointState, names: tuple[str, ...], field: str) -> NDArray[np.float64]:
+def named_values(
+    message: JointState, names: tuple[str, ...], field: str, optional: str | None = None
+) -> NDArray[np.float64]:
     """Return ``field`` of a JointState in the order of ``names``, shape (len(names),). Values may be NaN.
 
     The message may name its channels in any order, but must name each exactly once.
+
+    Args:
+        optional: a name that may be there besides, once; its value then comes last, one more.
 
     Raises:
         MessageError: unknown, missing or repeated names, or a field of another length.
@@ -98,6 +106,8 @@ def named_values(message: JointState, names: tuple[str, ...], field: str) -> NDA
     if len(values) != len(message.name):
         raise MessageError(f"{len(message.name)} names but {len(values)} values in {field}")
     given = tuple(message.name)
+    if optional is not None and optional in given:
+        names = (*names, optional)
     if given == names:
         return values
     unknown = sorted(set(given) - set(names))
@@ -110,6 +120,15 @@ def named_values(message: JointState, names: tuple[str, ...], field: str) -> NDA
         raise MessageError(f"{len(given)} names, some of them twice, for {len(names)} channels")
     index = {name: i for i, name in enumerate(given)}
     return values[[index[name] for name in names]]
+
+
+def findings_in(report: DiagnosticStatus) -> list[Finding]:
+    """Return the findings that a health report carries among its values, by the channels' names."""
+    found = []
+    for item in report.values:
+        with suppress(FindingError):
+            found.append(Finding.parse(item.key, item.value))
+    return found
 
 
 def point(position_m: Sequence[float] | NDArray[np.float64]) -> Point:

@@ -34,6 +34,7 @@ from mbpam_ros.plant.scene import Scene, load_scene
 from mbpam_ros.plant.tiers.base import PlantDivergedError, TierError
 from mbpam_ros.pneumatics.chamber import PneumaticsInputError
 from mbpam_ros.pneumatics.config import load_pneumatics
+from mbpam_ros.pneumatics.findings import SUPPLY
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -59,6 +60,9 @@ LOCK_STEP_PATIENCE_S = 10.0
 """In lock step, valves that have answered before are waited for at most this long by the wall clock: on a slow computer
 they still answer, but a sample may be lost between processes."""
 
+SUPPLY_TIMEOUT_S = 0.2
+"""Without a command for so long the supply's valve shuts by itself, as the valves do sooner."""
+
 SLOW_FACTOR = 0.95
 """Below this part of real time the health report warns."""
 
@@ -81,6 +85,7 @@ class PlantNode(GripperNode):
         self._dt_s = 1.0 / self.number("rate_hz")
         self._command_timeout_s = self.number("command_timeout_s")
         self._spool = np.zeros(CHANNEL_COUNT)
+        self._supply_open = False
         self._commanded_at_s = -np.inf
         self._before_reset_s = 0.0
         self._ticks = 0
@@ -179,13 +184,15 @@ class PlantNode(GripperNode):
 
     def _on_valve_commands(self, message: JointState) -> None:
         try:
-            spool = named_values(message, CHANNEL_NAMES, "position")
-            if not (np.abs(spool) <= 1.0).all():
-                raise MessageError("a spool opening that is not within -1 .. 1")
+            openings = named_values(message, CHANNEL_NAMES, "position", optional=SUPPLY)
+            if not (np.abs(openings) <= 1.0).all():
+                raise MessageError("an opening that is not within -1 .. 1")
         except MessageError as error:
             self.refuse("valve_commands", error)
             return
-        self._spool, self._commanded_at_s = spool, self._time_s()
+        self._spool, self._commanded_at_s = openings[:CHANNEL_COUNT], self._time_s()
+        # Who knows of no supply valve leaves its name out.
+        self._supply_open = bool(openings[CHANNEL_COUNT:].min(initial=1.0) > 0.5)
         if self._lock_step and message.header.stamp == self._stamp:
             self._answering = self._ends_of_the_loop()
             self._tick()
@@ -199,10 +206,13 @@ class PlantNode(GripperNode):
     def _tick(self) -> None:
         if self.failure is not None:
             return
-        if self._time_s() - self._commanded_at_s > self._command_timeout_s:
+        silence_s = self._time_s() - self._commanded_at_s
+        if silence_s > self._command_timeout_s:
             self._spool = np.zeros(CHANNEL_COUNT)
+        if silence_s > max(SUPPLY_TIMEOUT_S, self._command_timeout_s):
+            self._supply_open = False
         try:
-            self._plant.step(self._spool, self._dt_s)
+            self._plant.step(self._spool, self._dt_s, self._supply_open)
         except PlantDivergedError as error:
             self.fail(error)
             return
@@ -237,11 +247,10 @@ class PlantNode(GripperNode):
         palm = rise - (0.0, 0.0, PALM_SIZE_M[2] / 2.0)
         grey = colour((0.3, 0.3, 0.3))
         markers.append(solid_marker(self._stamp, WORLD_FRAME, "palm", 0, "box", PALM_SIZE_M, palm, upright, grey))
-        body, spec = observation.object_in_world, self._scene.object
-        if body is not None and spec is not None:
-            pose = (body.position_m, body.orientation_xyzw)
-            rgba = colour(spec.colour_rgb)
-            markers.append(solid_marker(self._stamp, WORLD_FRAME, "object", 0, spec.shape, spec.size_m, *pose, rgba))
+        for k, (placed, there) in enumerate(zip(self._scene.placed, observation.objects, strict=True)):
+            spec, namespace = placed.object, "object" if k == 0 else "other_object"
+            pose, rgba = (there.in_world.position_m, there.in_world.orientation_xyzw), colour(spec.colour_rgb)
+            markers.append(solid_marker(self._stamp, WORLD_FRAME, namespace, k, spec.shape, spec.size_m, *pose, rgba))
         self._markers.publish(MarkerArray(markers=markers))
 
     # Services

@@ -7,6 +7,7 @@ import inspect
 import signal
 import sys
 import time
+import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
@@ -40,6 +41,7 @@ from mbpam_ros.nodes.heartbeat import LIFE_LOOK_S, PERIOD_S, Instance, SignsOfLi
 from mbpam_ros.nodes.lateness import Lateness
 from mbpam_ros.nodes.messages import time_stamp
 from mbpam_ros.nodes.parameters import Parameter, declare_parameters
+from mbpam_ros.nodes.protection import unprotected, without_security
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -127,6 +129,7 @@ class GripperNode(Node):
         self.instance = Instance.of_this_process()
         self.rivals: tuple[Instance, ...] = ()
         self._sign_of_life = Header(frame_id=str(self.instance))
+        self._beats = Lateness(PERIOD_S, LATENESS_MEMORY_S)
         self._alive = self.create_publisher(Header, alive_topic(self.get_name()), STREAM)
         self._same_name = self.signs_of(self.get_name())
         self.create_timer(PERIOD_S, self._beat, clock=self._steady_clock)
@@ -210,7 +213,8 @@ class GripperNode(Node):
         known: list[tuple[Instance, ...]] = [()]
 
         def look() -> None:
-            alive = signs.look(time.monotonic())
+            now_s = time.monotonic()
+            alive = signs.look(now_s, self._beats.worst_s(now_s))
             if alive != known[0]:
                 known[0] = alive
                 changed(alive)
@@ -231,11 +235,13 @@ class GripperNode(Node):
     def _beat(self) -> None:
         """Give a sign of life, look for another node of this name, and send what answers wait."""
         now_s = time.monotonic()
+        self._beats.call(now_s)
         if not self.value("use_sim_time"):  # simulated time waits for the computer
             self._lateness.call(now_s)
         self._sign_of_life.stamp = self.now_stamp()
         self._alive.publish(self._sign_of_life)
-        rivals = tuple(each for each in self._same_name.look(now_s) if each != self.instance)
+        alive = self._same_name.look(now_s, self._beats.worst_s(now_s))
+        rivals = tuple(each for each in alive if each != self.instance)
         if rivals != self.rivals:
             self.rivals = rivals
             self.rivals_changed()
@@ -324,10 +330,14 @@ def run(*factories: Callable[..., GripperNode], arguments: Sequence[str] | None 
     if code is not None:
         return code
     stop_requested = _catch_stop_signals()
+    # What rclpy says besides when ROS refuses a node.
+    warnings.filterwarnings("ignore", "Failed to fini rosout publisher", RuntimeWarning)
+    if (warning := unprotected()) is not None:
+        print(f"warning: {warning}", file=sys.stderr)
     try:
         rclpy.init(args=None if arguments is None else list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's own errors: a file of parameters or a rule it cannot read
-        print(f"error: ROS arguments: {error}", file=sys.stderr)
+        print(f"error: {without_security(error) or f'ROS arguments: {error}'}", file=sys.stderr)
         return 2
     executor = EventsExecutor()
     nodes: list[GripperNode] = []
@@ -379,6 +389,12 @@ def _live(
         return 0
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
+        return 2
+    except RuntimeError as error:
+        refusal = without_security(error)
+        if refusal is None:
+            raise
+        print(f"error: {refusal}", file=sys.stderr)
         return 2
 
 

@@ -6,6 +6,8 @@ import sys
 from typing import TYPE_CHECKING
 
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
+import numpy as np
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
@@ -13,15 +15,18 @@ from std_srvs.srv import SetBool, Trigger
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
+from mbpam_ros.grasp.responses import goes_on
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.heartbeat import Instance
 from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.publishers import rival_publishers
 from mbpam_ros.nodes.stamps import CLOCK_TOLERANCE, StampClock
-from mbpam_ros.pneumatics.air_switch import Air, AirSwitch
+from mbpam_ros.pneumatics.air_switch import Air
 from mbpam_ros.pneumatics.config import load_pneumatics
-from mbpam_ros.pneumatics.controller import ControllerInputError, PressureController, SetpointError, ValveFault
+from mbpam_ros.pneumatics.controller import ControllerInputError, SetpointError
+from mbpam_ros.pneumatics.findings import SUPPLY
+from mbpam_ros.pneumatics.valve_guard import GuardedValves, ValveCommand
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -30,6 +35,7 @@ PARAMETERS = (
     Parameter("gripper", "gripper.yaml", "gripper file: pressure limit and over-pressure"),
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: gains, limits and watchdog of the loops"),
     Parameter("enable_at_start", False, "follow set-points from the start, without valve_controller/enable"),
+    Parameter("supply_valve", True, "command the valve before all others, by the name supply; false: there is none"),
     Parameter("watchdog_rate_hz", 50.0, "how often silence of the pressures is looked for [Hz]", 10.0, 1000.0),
     Parameter("grasp_arbiter_node", "grasp_arbiter", "name of the node that decides"),
     CLOCK_TOLERANCE,
@@ -42,25 +48,27 @@ PUBLISHERS_LOOK_S = 0.25
 
 
 class ValveControllerNode(GripperNode):
-    """Adapter around :class:`PressureController` and the :class:`AirSwitch` before it."""
+    """Adapter around :class:`GuardedValves`."""
 
     def __init__(self, **node_options: Unpack[NodeOptions]) -> None:
         super().__init__("valve_controller", PARAMETERS, **node_options)
         gripper = load_gripper(self.text("gripper"))
-        config = load_pneumatics(self.text("pneumatics")).controller
+        config = load_pneumatics(self.text("pneumatics"))
+        limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
         try:
-            self._controller = PressureController(
-                config, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
-            )
+            self._valves = GuardedValves(config, *limits, switched_on=bool(self.value("enable_at_start")))
         except ValueError as error:
             raise ConfigError(f"{self.value('gripper')} against {self.value('pneumatics')}: {error}") from error
-        self._hold_time_s = config.hold_time_s
-        self._clock_of_pressures = StampClock(config.watchdog_s, self.number("clock_tolerance_s"))
+        self._hold_time_s = config.controller.hold_time_s
+        self._clock_of_pressures = StampClock(config.controller.watchdog_s, self.number("clock_tolerance_s"))
         self._clock_of_setpoints = StampClock(tolerance_s=self.number("clock_tolerance_s"))
-        self._switch = AirSwitch(self._controller, bool(self.value("enable_at_start")))
+        self._switch = self._valves.switch
+        self._has_supply_valve = bool(self.value("supply_valve"))
+        if not self._has_supply_valve:
+            self.get_logger().info("there is no supply valve (parameter supply_valve): nothing can cut the supply")
 
         self._commands = self.create_publisher(JointState, "valve_commands", STREAM)
-        self._openings = JointStateForm(CHANNEL_NAMES)
+        self._openings = JointStateForm((*CHANNEL_NAMES, SUPPLY) if self._has_supply_valve else CHANNEL_NAMES)
         self._state = self.create_publisher(DiagnosticStatus, "valve_controller/state", LATCHED)
         self._publishers_contested: str | None = None
         self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
@@ -78,15 +86,14 @@ class ValveControllerNode(GripperNode):
 
     def health(self) -> Health:
         """ERROR with the channels at fault; WARN while the air is off."""
-        faults = {
-            name: fault.value
-            for name, fault in zip(CHANNEL_NAMES, self._controller.faults, strict=True)
-            if fault is not ValveFault.NONE
-        }
+        findings = self._valves.findings
+        faults = {name: str(finding) for finding in findings for name in finding.channels}
         air = self._switch.air
         values = {**self._air_values(), **faults}
-        if faults:
-            return Health(DiagnosticStatus.ERROR, f"{len(faults)} of 16 channels at fault", values)
+        if findings:
+            harmless = all(goes_on(finding.fault) for finding in findings)
+            level = DiagnosticStatus.WARN if harmless else DiagnosticStatus.ERROR
+            return Health(level, f"{len(faults)} channels at fault: {findings[0].text}", values)
         if self._switch.objection is not None:
             return Health(DiagnosticStatus.ERROR, self._switch.objection, values)
         if air is not Air.REGULATE:
@@ -97,8 +104,7 @@ class ValveControllerNode(GripperNode):
 
     def leave(self) -> None:
         """Close the valves (or vent, where all vents): nobody will move them afterwards."""
-        openings = [self._switch.parting_opening] * len(CHANNEL_NAMES)
-        self._commands.publish(self._openings.filled(self.now_stamp(), position=openings))
+        self._publish(self.now_stamp(), self._valves.parting)
 
     def rivals_changed(self) -> None:
         """Move no air while another valve controller commands the same valves."""
@@ -166,20 +172,25 @@ class ValveControllerNode(GripperNode):
         try:
             pressure_gauge_pa = named_values(message, CHANNEL_NAMES, "effort")
             time_s = self._clock_of_pressures.sample(seconds(message.header.stamp), self.now_s(), self.clock_s())
-            spool = self._controller.update(time_s, pressure_gauge_pa)
+            command = self._valves.update(time_s, pressure_gauge_pa)
         except (MessageError, ControllerInputError) as error:
             self.refuse("chamber_states", error)
             return
-        self._commands.publish(self._openings.filled(message.header.stamp, position=spool))
+        self._publish(message.header.stamp, command)
         self._publish_change_of_faults()
+
+    def _publish(self, stamp: Time, command: ValveCommand) -> None:
+        openings = command.spool
+        if self._has_supply_valve:
+            openings = np.append(openings, float(command.supply_open))
+        self._commands.publish(self._openings.filled(stamp, position=openings))
 
     def _on_silence(self) -> None:
         """Close the valves when the pressures stay out."""
         now_s = self.now_s()
         if self._clock_of_pressures.age(now_s) <= self._hold_time_s or now_s == 0.0:
             return
-        spool = self._controller.check(self._clock_of_pressures.time(now_s))
-        self._commands.publish(self._openings.filled(self.now_stamp(), position=spool))
+        self._publish(self.now_stamp(), self._valves.check(self._clock_of_pressures.time(now_s)))
         self._publish_change_of_faults()
 
     def _on_grasp_state(self, state: DiagnosticStatus) -> None:
@@ -199,7 +210,13 @@ class ValveControllerNode(GripperNode):
         return self._change(answer) if answer.accepted else answer
 
     def _publish_change_of_faults(self) -> None:
-        self.publish_health_change((self._controller.faults, self._switch.air, self._switch.switched_on))
+        self.publish_health_change(
+            (
+                tuple((each.fault, each.channels) for each in self._valves.findings),
+                self._switch.air,
+                self._switch.switched_on,
+            )
+        )
 
 
 def main() -> int:

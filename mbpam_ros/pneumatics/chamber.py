@@ -5,6 +5,10 @@ with a first-order lag, integrated exactly; the chamber follows the opening by t
 ``ideal`` and ``lag``, where cutting a step into pieces changes nothing but rounding, implicitly for ``iso6358``
 (:mod:`~mbpam_ros.pneumatics.iso6358`). None has a stability limit. What a sampled caller loses is that its command is
 held for the length of the step.
+
+Before the valves stands the supply: a manifold at the regulated pressure, or, with its own valve shut, dumped to
+ambient. ``ideal`` and ``lag`` let it follow with one time constant, which valves see as its mean over a step; what a
+chamber has above it flows back through a valve that is open. ``iso6358`` dumps its tank with the same time constant.
 """
 
 from __future__ import annotations
@@ -70,6 +74,7 @@ class ChamberConfig:
         ideal_rate_pa_s: pressure rate of the model ``ideal`` at full opening.
         lag_time_constant_s: time constant of the model ``lag`` at full opening.
         iso6358: orifices and volumes of the model ``iso6358``.
+        supply_time_constant_s: with which the manifold follows the regulator, or is dumped.
     """
 
     supply_gauge_pa: float
@@ -77,9 +82,11 @@ class ChamberConfig:
     ideal_rate_pa_s: float
     lag_time_constant_s: float
     iso6358: OrificeConfig
+    supply_time_constant_s: float = 0.02
 
     def __post_init__(self) -> None:
         require_positive(self, "supply_gauge_pa", "spool_time_constant_s", "ideal_rate_pa_s", "lag_time_constant_s")
+        require_positive(self, "supply_time_constant_s")
 
 
 class PneumaticModel(ABC):
@@ -90,6 +97,10 @@ class PneumaticModel(ABC):
 
     def __init__(self, config: ChamberConfig) -> None:
         self._config = config
+        self._pressure: Vector
+        self._spool: Vector
+        self._supply_pa: float
+        self._fed_pa: float
         self.reset()
 
     @property
@@ -102,8 +113,35 @@ class PneumaticModel(ABC):
         """Openings the spools stand at, shape (16,), -1 (vent) .. +1 (fill)."""
         return self._spool.copy()
 
+    @property
+    def supply_gauge_pa(self) -> float:
+        """Pressure before the valves [Pa gauge]."""
+        return self._supply_pa
+
+    def feed(self, supply_open: bool, regulated_gauge_pa: float | None = None) -> None:
+        """Open the supply's own valve, or shut it and dump what is before the valves.
+
+        Args:
+            regulated_gauge_pa: what the regulator gives from now on; none for what the configuration says.
+        """
+        regulated_pa = self._config.supply_gauge_pa if regulated_gauge_pa is None else regulated_gauge_pa
+        self._fed_pa = regulated_pa if supply_open else 0.0
+
+    def seep(self, out_1_s: Vector, in_1_s: Vector, dt_s: float) -> Vector:
+        """Let chambers leak to ambient and from the supply for ``dt_s`` and return the pressures, (16,) [Pa gauge].
+
+        dp/dt = -p out + (p_supply - p) in, integrated exactly beside the valves (first order in the step).
+
+        Args:
+            out_1_s, in_1_s: one over the leaks' time constants, shape (16,).
+        """
+        rate = out_1_s + in_1_s
+        end_pa = np.divide(in_1_s * self._supply_pa, rate, out=np.zeros(CHANNEL_COUNT), where=rate > 0.0)
+        self._pressure = end_pa + (self._pressure - end_pa) * np.exp(-rate * dt_s)
+        return self._pressure.copy()
+
     def reset(self, pressure_gauge_pa: ArrayLike = 0.0) -> None:
-        """Close all valves at the given pressures, a number or shape (16,) [Pa gauge].
+        """Close all valves at the given pressures, a number or shape (16,) [Pa gauge]; the supply is there.
 
         Raises:
             PneumaticsInputError: wrong shape, not finite, or outside [0, supply].
@@ -118,6 +156,7 @@ class PneumaticModel(ABC):
         _require_within(pressure, 0.0, self._config.supply_gauge_pa, "pressure_gauge_pa")
         self._pressure = pressure
         self._spool = np.zeros(CHANNEL_COUNT)
+        self._supply_pa = self._fed_pa = self._config.supply_gauge_pa
 
     def step(self, spool: ArrayLike, dt_s: float, bend_rad: ArrayLike = _STRAIGHT) -> Vector:
         """Hold the spool commands, shape (16,) in [-1, 1], for ``dt_s`` and return the pressures, (16,) [Pa gauge].
@@ -164,6 +203,17 @@ class PneumaticModel(ABC):
         before = np.where(crosses, command * crossed_s + start * tau, opening_time(first_s))
         return [(before, first_s), (whole - before, dt_s - first_s)]
 
+    def _move_supply(self, duration_s: float) -> float:
+        """Let the manifold follow what it is fed; return its mean over the time [Pa gauge]."""
+        if self._supply_pa == self._fed_pa:
+            return self._supply_pa
+        tau = self._config.supply_time_constant_s
+        above_pa, decay = self._supply_pa - self._fed_pa, -math.expm1(-duration_s / tau)
+        self._supply_pa = self._fed_pa + above_pa * (1.0 - decay)
+        if abs(self._supply_pa - self._fed_pa) < 1.0:
+            self._supply_pa = self._fed_pa
+        return self._fed_pa + above_pa * decay * tau / max(duration_s, 1e-12)
+
     @abstractmethod
     def _flow(self, opening_time_s: Vector, duration_s: float, bend_rad: Vector) -> Vector:
         """Return the pressures after an opening of one sign whose time integral is ``opening_time_s``, (16,) [s]."""
@@ -173,15 +223,20 @@ class IdealChambers(PneumaticModel):
     """Pressure rate proportional to the opening, whatever the pressure, between ambient and supply."""
 
     def _flow(self, opening_time_s: Vector, duration_s: float, bend_rad: Vector) -> Vector:
-        moved = self._pressure + self._config.ideal_rate_pa_s * opening_time_s
-        return np.minimum(np.maximum(moved, 0.0), self._config.supply_gauge_pa)
+        supply_pa = self._move_supply(duration_s)
+        fill = self._config.ideal_rate_pa_s * opening_time_s
+        back = (self._pressure > supply_pa) & (fill > 0.0)
+        if not back.any():
+            return np.minimum(np.maximum(self._pressure + fill, 0.0), np.maximum(self._pressure, supply_pa))
+        moved = np.where(back, np.maximum(self._pressure - fill, supply_pa), self._pressure + fill)
+        return np.maximum(moved, 0.0)
 
 
 class LagChambers(PneumaticModel):
     """dp/dt = |s| (p_end - p) / tau, with p_end the supply for s > 0 and ambient for s < 0."""
 
     def _flow(self, opening_time_s: Vector, duration_s: float, bend_rad: Vector) -> Vector:
-        end = np.where(opening_time_s > 0.0, self._config.supply_gauge_pa, 0.0)
+        end = np.where(opening_time_s > 0.0, self._move_supply(duration_s), 0.0)
         decay = np.exp(-np.abs(opening_time_s) / self._config.lag_time_constant_s)
         moved = end + (self._pressure - end) * decay
         within: Vector = np.minimum(np.maximum(moved, 0.0), self._config.supply_gauge_pa)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from mbpam_ros.configuration import load_config
 from mbpam_ros.pneumatics.chamber import ChamberConfig
 from mbpam_ros.pneumatics.controller import ControllerConfig
+from mbpam_ros.pneumatics.observer import ObserverConfig
+from mbpam_ros.pneumatics.probing import ProbingConfig
 from mbpam_ros.pneumatics.sensing import SensingConfig
 from mbpam_ros.pneumatics.transducer import TransducerConfig
 
@@ -23,6 +25,8 @@ class PneumaticsConfig:
         transducer: data sheet of the transducers, simulated or real.
         sensing: how their volts are read.
         controller: the pressure loops.
+        observer: what a sound machine does.
+        probing: test pulses of valves at rest.
     """
 
     model: Literal["ideal", "lag", "iso6358"]
@@ -30,6 +34,8 @@ class PneumaticsConfig:
     transducer: TransducerConfig
     sensing: SensingConfig
     controller: ControllerConfig
+    observer: ObserverConfig = field(default_factory=ObserverConfig)
+    probing: ProbingConfig = field(default_factory=ProbingConfig)
 
     def __post_init__(self) -> None:
         # With less noise than this a channel at rest can repeat one count for long without being stuck.

@@ -134,20 +134,21 @@ class _PressureLoop:
         "_integral_pa_s",
         "_over",
         "_reopen_pa",
-        "_resting",
         "_trip_pa",
         "_valid_at_s",
         "fault",
+        "leak_1_s",
         "reference_pa",
         "restart",
+        "resting",
         "spool",
         "target_pa",
     )
 
     def __init__(self, config: ControllerConfig, over_pressure_gauge_pa: float) -> None:
         self._config, self._trip_pa = config, over_pressure_gauge_pa
-        self.spool = self.reference_pa = self._delayed_pa = self._integral_pa_s = 0.0
-        self._resting = self._over = False
+        self.spool = self.reference_pa = self._delayed_pa = self._integral_pa_s = self.leak_1_s = 0.0
+        self.resting = self._over = False
         self.fault = ValveFault.NONE
         self.begin_anew(0.0)
         self.aim(0.0)
@@ -178,7 +179,7 @@ class _PressureLoop:
             return
         if self.restart:
             self.reference_pa = self._delayed_pa = pressure_pa
-            self._integral_pa_s, self._resting, self.restart = 0.0, False, False
+            self._integral_pa_s, self.resting, self.restart = 0.0, False, False
             self.spool = self._control(pressure_pa, 0.0)
         elif age_s > 0.0:
             self.spool = self._control(pressure_pa, min(age_s, self._config.hold_time_s))
@@ -211,12 +212,14 @@ class _PressureLoop:
 
         error = self._delayed_pa - pressure_pa
         wanted_rate = feed_forward + config.proportional_gain_1_s * error + self._integral_pa_s
+        if self.leak_1_s > 0.0:
+            wanted_rate += self.leak_1_s * max(pressure_pa, 0.0)
         drop = config.supply_gauge_pa - pressure_pa if wanted_rate > 0.0 else pressure_pa
         opening = wanted_rate * config.fill_time_constant_s / max(drop, config.least_drop_pa)
 
         arrived = abs(self.target_pa - self.reference_pa) < config.close_band_pa
-        self._resting = arrived and self._is_near(pressure_pa)
-        if self._resting:
+        self.resting = arrived and self._is_near(pressure_pa)
+        if self.resting:
             return 0.0
         if arrived and (abs(opening) < 1.0 or error * opening < 0.0):
             learnt, limit = self._integral_pa_s + config.integral_gain_1_s2 * dt_s * error, config.integral_limit_pa_s
@@ -243,7 +246,7 @@ class _PressureLoop:
     def _is_near(self, pressure_pa: float) -> bool:
         """Whether the valve may close, or stay closed."""
         error = pressure_pa if self.target_pa == 0.0 else abs(self.target_pa - pressure_pa)
-        return error < (self._reopen_pa if self._resting else self._close_pa)
+        return error < (self._reopen_pa if self.resting else self._close_pa)
 
 
 class PressureController:
@@ -305,6 +308,26 @@ class PressureController:
     def faults(self) -> tuple[ValveFault, ...]:
         """Fault of every channel."""
         return tuple([loop.fault for loop in self._loops])
+
+    @property
+    def in_over_pressure(self) -> NDArray[np.bool_]:
+        """Channels that vent because of over-pressure, shape (16,)."""
+        return np.array([loop.fault is ValveFault.OVER_PRESSURE for loop in self._loops])
+
+    @property
+    def resting(self) -> NDArray[np.bool_]:
+        """Channels that have arrived and keep their valve closed, shape (16,)."""
+        return np.array([loop.resting for loop in self._loops])
+
+    def restart(self, channels: NDArray[np.bool_]) -> None:
+        """Let loops, shape (16,), go on from the pressure that comes next, as if just enabled."""
+        for channel in np.flatnonzero(channels):
+            self._loops[channel].restart = True
+
+    def compensate(self, leak_1_s: Vector) -> None:
+        """Let loops add what leaks lose, p times these, shape (16,) [1/s], beyond what their integral may learn."""
+        for loop, each in zip(self._loops, leak_1_s.tolist(), strict=True):
+            loop.leak_1_s = each
 
     def request(self, setpoint_gauge_pa: ArrayLike) -> None:
         """Take new set-points, shape (16,) [Pa gauge]. Disabled, they wait until enabled.

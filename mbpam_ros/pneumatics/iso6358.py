@@ -226,11 +226,6 @@ class IsoChambers(PneumaticModel):
         super().__init__(config)
 
     @property
-    def supply_gauge_pa(self) -> float:
-        """Pressure in the tank [Pa gauge]."""
-        return self._supply - AMBIENT_PA
-
-    @property
     def amount_j(self) -> Vector:
         """Gas in each chamber and its line, n = p V [J], shape (16,)."""
         return self._amount.copy()
@@ -238,22 +233,31 @@ class IsoChambers(PneumaticModel):
     def reset(self, pressure_gauge_pa: ArrayLike = 0.0) -> None:
         """Close all valves at the given pressures, muscles straight, the tank at the regulated pressure."""
         super().reset(pressure_gauge_pa)
-        self._supply = self._orifices.regulated
         absolute = self._pressure + AMBIENT_PA
         rows = volume_rows(self._tables, absolute, np.zeros(CHANNEL_COUNT), self._orifices.line_volume)
         self._amount = np.array([gas_amount(self._tables, row, p)[0] for row, p in zip(rows, absolute, strict=True)])
 
+    def seep(self, out_1_s: Vector, in_1_s: Vector, dt_s: float) -> Vector:
+        """As for every model; the gas goes with the pressure, at the volume there is."""
+        before = self._pressure + AMBIENT_PA
+        pressure = super().seep(out_1_s, in_1_s, dt_s)
+        self._amount *= (pressure + AMBIENT_PA) / before
+        return pressure
+
     def _flow(self, opening_time_s: Vector, duration_s: float, bend_rad: Vector) -> Vector:
         absolute = self._pressure + AMBIENT_PA
-        self._supply = advance(
+        if self._fed_pa < self._supply_pa and self._fed_pa == 0.0:
+            self._supply_pa *= math.exp(-duration_s / self._config.supply_time_constant_s)
+        supply = advance(
             absolute,
-            self._supply,
+            self._supply_pa + AMBIENT_PA,
             opening_time_s,
             duration_s,
             chamber_bend_rad(bend_rad).ravel(),
             self._amount,
             min(math.ceil(duration_s / self._config.iso6358.sub_step_s), _MOST_STEPS),
-            self._orifices,
+            self._orifices._replace(regulated=self._fed_pa + AMBIENT_PA),
             self._tables,
         )
+        self._supply_pa = supply - AMBIENT_PA
         return absolute - AMBIENT_PA

@@ -57,6 +57,7 @@ _MOST_PIECES = 4
 _LEAST_HEIGHT_M = 0.006  # above the plane of a depth image
 _HEIGHT_SIGMAS = 4.0
 _GOOD_CONFIDENCE = 0.6  # a region explained so well is not split
+_LEAST_SOLIDITY = 0.5  # what fills less of its hull is no solid, but may hold some
 _ALIKE = 0.85  # regions that share so much of their area are one
 
 
@@ -588,7 +589,7 @@ class _Search:
 
     def _explain(self, region: Region) -> list[Hypothesis]:
         """The likeliest primitive for the region as a whole or, if none is likely, also those for its parts."""
-        whole = self._best(region)
+        whole = self._best(region) if region.solidity > _LEAST_SOLIDITY else None
         if whole is not None and whole.confidence > _GOOD_CONFIDENCE:
             return [whole]
         found = [] if whole is None else [whole]

@@ -139,6 +139,7 @@ class RegionFit:
         self._rotation = np.ascontiguousarray(camera.rotation, dtype=float)
         self._lens = np.array([k.fx, k.fy, k.cx, k.cy])
         self.hidden = hidden
+        self._open = (hidden == 0).view(np.uint8)
         self.looked_at = 0
         # An edge near a finger may be the finger's: keep off by more than the search reaches in the end.
         near = cv2.dilate(hidden, np.ones((5, 5), np.uint8))
@@ -183,7 +184,7 @@ class RegionFit:
             hypothesis = self._refined(start, region, contour, points, sigma_m, samples)
             if hypothesis is not None:
                 found.append(hypothesis)
-        return _compared(_best_of_families(found))
+        return _compared([self._with_unseen_ends(item) for item in _best_of_families(found)])
 
     # -- what is seen -------------------------------------------------------------------------------------------
 
@@ -252,7 +253,6 @@ class RegionFit:
         parameters, height_range_m = canonical(form, parameters), None
         if form == BOX and sigma[5] > _UNSEEN_SIGMA_M:
             parameters, height_range_m = self._of_likely_height(parameters)
-        parameters, hidden_m = self._unseen_ends(form, parameters)
         outline = self._outline(form, parameters)
         if outline is None or quality[0] == 0.0:
             return None
@@ -279,7 +279,7 @@ class RegionFit:
             "shadowy": 1.0 - float(np.count_nonzero(region.mask & self._foreground[region.window])) / region.area,
             "slim": float(min(size.min() / max(sharpest, 1e-6), 1.0)),
         }
-        return Hypothesis(form, parameters, sigma, outline, figures, hidden_m, height_range_m)
+        return Hypothesis(form, parameters, sigma, outline, figures, height_range_m=height_range_m)
 
     def _of_likely_height(self, parameters: NDArray) -> tuple[NDArray[np.float64], tuple[float, float]]:
         """A box of which the top alone is seen, as high as it is wide, and the range of heights that are likely.
@@ -304,13 +304,13 @@ class RegionFit:
         model = np.zeros(region.mask.shape, np.uint8)
         cv2.fillConvexPoly(model, corners, 1, shift=4)
         # What lies beyond the window shares nothing with the region, and is hidden or not as what lies within.
-        drawn = float(np.count_nonzero(model))
+        drawn = float(cv2.countNonZero(model))
         outside = self._area_in_image(outline) / COARSE**2 - drawn
-        open_view = self.hidden[region.window] == 0
-        seen = model.astype(bool) & open_view
-        shared = float(np.count_nonzero(seen & region.mask))
-        area = float(np.count_nonzero(seen)) + max(outside, 0.0)
-        joint = area + float(np.count_nonzero(region.mask & open_view)) - shared
+        seen = cv2.bitwise_and(model, self._open[region.window])
+        mask = region.mask.view(np.uint8)
+        shared = float(cv2.countNonZero(cv2.bitwise_and(seen, mask)))
+        area = float(cv2.countNonZero(seen)) + max(outside, 0.0)
+        joint = area + float(cv2.countNonZero(cv2.bitwise_and(mask, self._open[region.window]))) - shared
         return shared / max(joint, 1.0), 1.0 - shared / max(area, 1.0)
 
     def _area_in_image(self, outline: NDArray[np.float64]) -> float:
@@ -322,13 +322,24 @@ class RegionFit:
         part = clipped(np.ascontiguousarray(turned), frame)
         return float(cv2.contourArea(part.astype(np.float32))) if len(part) >= 3 else 0.0
 
+    def _with_unseen_ends(self, found: Hypothesis) -> Hypothesis:
+        """The hypothesis with what is known of ends that a finger or the image's border may hide."""
+        rows, columns = self._unsure.shape
+        left, top = np.maximum(found.outline_px.min(axis=0) / COARSE - 2.0, 0.0).astype(int)
+        right, bottom = np.minimum(found.outline_px.max(axis=0) / COARSE + 3.0, (columns, rows)).astype(int)
+        if not lies(found.form) or not self._unsure[top:bottom, left:right].any():
+            return found
+        parameters, hidden_m = self._unseen_ends(found.form, found.parameters)
+        outline = self._outline(found.form, parameters)
+        if outline is None:
+            return found
+        return replace(found, parameters=parameters, outline_px=outline, hidden_m=hidden_m)
+
     def _unseen_ends(self, form: int, parameters: NDArray) -> tuple[NDArray[np.float64], tuple[float, float]]:
         """The parameters with what is seen of the object beyond a finger, and how much farther each end may reach [m].
 
         From each end on along the axis, until the table is seen where the object would be.
         """
-        if not lies(form):
-            return parameters, (0.0, 0.0)
         p = parameters
         along = np.array([-np.sin(p[2]), np.cos(p[2]), 0.0])
         across = np.array([np.cos(p[2]), np.sin(p[2]), 0.0]) * p[3] * (0.5 if form == BOX else 1.0)
@@ -419,7 +430,9 @@ def _best_of_families(found: list[Hypothesis]) -> list[Hypothesis]:
 def _disagreement(item: Hypothesis) -> float:
     figures = item.figures
     outline = figures["misfit_px2"] + min(figures["contour_px"], 4.0) + figures["gap_sigmas"] ** 2
-    return outline + 0.5 * figures["crease_misfit_px2"] + 3.0 * figures["shading"]
+    # The rim of a rod's end is often faint, and round ends have none: it does not tell these two apart.
+    creases = 0.0 if item.form in (ROD, CAPSULE) else 0.5 * figures["crease_misfit_px2"]
+    return outline + creases + 3.0 * figures["shading"]
 
 
 def _compared(found: list[Hypothesis]) -> list[Hypothesis]:

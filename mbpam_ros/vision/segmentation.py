@@ -201,6 +201,13 @@ class Region:
         """Pixels."""
         return int(np.count_nonzero(self.mask))
 
+    @property
+    def solidity(self) -> float:
+        """Its share of its convex hull: near 1 for what is seen of a convex solid."""
+        v, u = np.nonzero(self.mask)
+        hull = cv2.convexHull(np.column_stack([u, v]).astype(np.int32))
+        return self.area / max(float(cv2.contourArea(hull)), 1.0)
+
     def shared(self, other: Region) -> int:
         """Pixels that both have."""
         (a, b), (c, d) = self.window, other.window

@@ -94,7 +94,7 @@ def test_a_running_gripper_fills_every_topic_as_the_interface_table_says(graph):
         "transducers": (CHANNEL_NAMES, {"effort"}),
         "chamber_states": (CHANNEL_NAMES, {"effort"}),
         "pressure_setpoints": (CHANNEL_NAMES, {"effort"}),
-        "valve_commands": (CHANNEL_NAMES, {"position"}),
+        "valve_commands": ((*CHANNEL_NAMES, "supply"), {"position"}),
         "joint_states": (BEND_NAMES, {"position", "velocity", "effort"}),
         "finger_forces": (FINGER_NAMES, {"position", "effort"}),
     }

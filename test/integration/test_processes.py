@@ -154,45 +154,6 @@ def test_a_parameter_given_to_one_node_by_name_reaches_it_in_a_namespace_too():
     assert (ended.returncode, ended.stderr[:27]) == (2, "error: no scene 'nowhere'; ")
 
 
-def test_after_kill_of_the_valve_controller_the_object_stays_held_and_a_restart_recovers(start):
-    gripper = start(CAMERALESS)
-    gripper.enable()
-    gripper.close_fingers()
-    gripper.lift()
-    held_at_m, held_pa = gripper.height_m["object"], gripper.pressure_pa
-    gripper.kill("valve_controller")
-    gripper.wait_for_phase("fault")
-    assert "valve_controller: no health report" in gripper.grasp["reason"]
-    assert gripper.grasp["air"] == "hold"
-    gripper.wait_for(lambda: gripper.health("grasp_arbiter")[0] == DiagnosticStatus.ERROR, "the arbiter's report")
-    assert abs(gripper.height_m["object"] - held_at_m) < 0.005
-    assert np.abs(gripper.pressure_pa - held_pa).max() < 2e3
-
-    gripper.restart("valve_controller")
-    gripper.lower()
-    gripper.let_go_and_reset()
-    gripper.enable()
-    gripper.close_fingers()
-
-
-def test_after_kill_of_the_arbiter_the_object_stays_held_and_a_restart_waits_for_a_release(start):
-    gripper = start(CAMERALESS)
-    gripper.enable()
-    gripper.close_fingers()
-    gripper.lift()
-    held_at_m, held_pa = gripper.height_m["object"], gripper.pressure_pa
-    gripper.kill("grasp_arbiter")
-    gripper.restart("grasp_arbiter")
-    gripper.wait_for_phase("fault")
-    assert "started with air" in gripper.grasp["reason"]
-    assert gripper.grasp["air"] == "hold"
-    assert abs(gripper.height_m["object"] - held_at_m) < 0.005
-    assert np.abs(gripper.pressure_pa - held_pa).max() < 2e3
-    gripper.lower()
-    gripper.let_go_and_reset()
-    gripper.close_fingers()
-
-
 def test_a_valve_controller_that_is_told_to_stop_while_filling_closes_its_valves(start):
     gripper = start(CAMERALESS)
     gripper.enable()

@@ -5,6 +5,7 @@ import types
 
 import numpy as np
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
@@ -14,6 +15,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
+from mbpam_ros.configuration import load_yaml
 from mbpam_ros.nodes import runtime
 from mbpam_ros.nodes.messages import joint_state, time_stamp
 from mbpam_ros.nodes.runtime import LATCHED, STREAM
@@ -48,11 +50,15 @@ def faults(status):
 class Loops:
     """The node with its pressures in the test's hands: each message is answered by one command.
 
-    The simulated time never starts, so no timer runs and the node knows time by the stamps alone.
+    The simulated time never starts, so no timer runs and the node knows time by the stamps alone. The observers are
+    given bounds that any pressures keep to.
     """
+
+    unwatched = ""
 
     def __init__(self, graph, **parameters):
         self.graph = graph
+        parameters = {"pneumatics": self.unwatched, **parameters}
         self.node = graph.add(ValveControllerNode, use_sim_time=True, **parameters)
         self.commands = graph.listen(JointState, "valve_commands")
         self.reports = graph.listen(DiagnosticArray, "/diagnostics")
@@ -68,7 +74,7 @@ class Loops:
             seen = len(self.commands)
             self.pressures.publish(joint_state(time_stamp(self.time_s), CHANNEL_NAMES, effort=pressure_pa))
             self.graph.spin_until(lambda seen=seen: len(self.commands) > seen, "a command")
-        return np.array(self.commands[-1].position)
+        return spools(self.commands[-1])
 
     def feed_until(self, predicate, pressure_pa=AMBIENT):
         """Measure these pressures until the openings satisfy ``predicate``."""
@@ -97,6 +103,19 @@ class Loops:
             lambda: self.reports and self.reports[-1].status[0].level == level, f"a report of level {level}"
         )
         return self.reports[-1].status[0]
+
+
+@pytest.fixture(autouse=True)
+def unwatched(tmp_path, monkeypatch):
+    content = load_yaml("pneumatics.yaml")
+    content["observer"] = {name: 1e9 for name in ("follow_threshold_pa", "move_threshold_pa", "jump_threshold_pa")}
+    path = tmp_path / "unwatched.yaml"
+    path.write_text(yaml.safe_dump(content))
+    monkeypatch.setattr(Loops, "unwatched", str(path))
+
+
+def spools(command):
+    return np.array(command.position[: len(CHANNEL_NAMES)])
 
 
 def test_the_air_is_off_until_it_is_enabled(graph):
@@ -129,7 +148,7 @@ def test_its_last_command_closes_every_valve(graph):
     seen = len(loops.commands)
     loops.node.leave()
     graph.spin_until(lambda: len(loops.commands) > seen, "the last command")
-    assert not np.array(loops.commands[-1].position).any()
+    assert not spools(loops.commands[-1]).any()
 
 
 def test_pressures_whose_stamp_stands_still_are_refused_and_the_valves_close(graph):
@@ -139,16 +158,16 @@ def test_pressures_whose_stamp_stands_still_are_refused_and_the_valves_close(gra
     loops.refuse(loops.pressures, joint_state(time_stamp(loops.time_s), CHANNEL_NAMES, effort=AMBIENT))
     graph.set_time(1.0)
     graph.set_time(1.1)
-    graph.spin_until(lambda: not np.array(loops.commands[-1].position).any(), "closed valves")
+    graph.spin_until(lambda: not spools(loops.commands[-1]).any(), "closed valves")
 
 
 def test_a_command_carries_the_names_and_the_stamp_of_its_pressures(graph):
     loops = Loops(graph)
     loops.feed(AMBIENT)
     command = loops.commands[-1]
-    assert tuple(command.name) == CHANNEL_NAMES
+    assert tuple(command.name) == (*CHANNEL_NAMES, "supply")
     assert command.header.stamp == time_stamp(loops.time_s)
-    assert len(command.position) == 16 and not command.velocity and not command.effort
+    assert len(command.position) == 17 and not command.velocity and not command.effort
 
 
 def test_disabling_closes_every_valve(graph):
@@ -172,8 +191,29 @@ def test_a_channel_without_a_valid_reading_closes_and_is_reported_by_the_watchdo
     assert (np.delete(opening, 6) > 0.1).all()
     assert not loops.node.refused_inputs
     loops.feed(broken)
-    assert faults(loops.wait_for_health(DiagnosticStatus.ERROR)) == {CHANNEL_NAMES[6]: "no fresh valid pressure"}
+    assert faults(loops.wait_for_health(DiagnosticStatus.ERROR)) == {
+        CHANNEL_NAMES[6]: "no valid reading (100 %): no fresh valid pressure"
+    }
     assert loops.feed_until(lambda opening: opening[6] > 0.1)[6] > 0.1
+
+
+def test_pressures_that_do_not_follow_the_valves_are_named_and_the_supply_stays_open_only_while_the_air_is_on(graph):
+    loops = Loops(graph, pneumatics="pneumatics.yaml")
+    loops.feed(AMBIENT)
+    assert loops.commands[-1].name[-1] == "supply" and loops.commands[-1].position[-1] == 0.0
+    assert loops.enable(True).success
+    loops.setpoints.publish(setpoints(channels(c6=50e3)))
+    loops.feed_until(lambda opening: opening[6] > 0.1)
+    assert loops.commands[-1].position[-1] == 1.0
+    assert loops.feed(AMBIENT, ticks=40)[6] == 0.0
+    found = faults(loops.wait_for_health(DiagnosticStatus.ERROR))
+    assert found.keys() == {CHANNEL_NAMES[6]} and found[CHANNEL_NAMES[6]].startswith("does not follow (")
+
+
+def test_without_a_supply_valve_its_name_is_left_out(graph):
+    loops = Loops(graph, supply_valve=False)
+    loops.feed(AMBIENT)
+    assert tuple(loops.commands[-1].name) == CHANNEL_NAMES
 
 
 def test_silence_of_all_pressures_closes_every_valve_and_is_reported(graph):
@@ -185,8 +225,8 @@ def test_silence_of_all_pressures_closes_every_valve_and_is_reported(graph):
     seen = len(loops.commands)
     graph.set_time(loops.time_s + WATCHDOG_S + TICK_S)
     graph.spin_until(lambda: len(loops.commands) > seen, "a command of the watchdog")
-    assert not np.array(loops.commands[-1].position).any()
-    assert loops.wait_for_health(DiagnosticStatus.ERROR).message == "16 of 16 channels at fault"
+    assert not spools(loops.commands[-1]).any()
+    assert loops.wait_for_health(DiagnosticStatus.ERROR).message.startswith("16 channels at fault: ")
 
 
 @pytest.mark.parametrize("enabled", [True, False])
@@ -195,7 +235,9 @@ def test_over_pressure_vents_its_chamber_at_once(graph, enabled):
     opening = loops.feed(channels(c9=LIMIT_PA + 10.1e3))
     assert opening[9] == -1.0
     assert not np.delete(opening, 9).any()
-    assert faults(loops.wait_for_health(DiagnosticStatus.ERROR)) == {CHANNEL_NAMES[9]: "over-pressure"}
+    assert faults(loops.wait_for_health(DiagnosticStatus.ERROR)) == {
+        CHANNEL_NAMES[9]: "over-pressure (100 %): more than a chamber may have"
+    }
 
 
 @pytest.mark.parametrize("reading", [50e3, math.nan])
@@ -214,7 +256,7 @@ def test_vent_needs_no_measurement_at_all(graph):
     graph.spin_until(lambda: any("vent" in report.status[0].message for report in loops.reports), "word of the vent")
     graph.set_time(1.0)
     graph.spin_until(lambda: loops.commands, "a command without pressures")
-    assert (np.array(loops.commands[-1].position) == -1.0).all()
+    assert (spools(loops.commands[-1]) == -1.0).all()
 
 
 def test_hold_in_the_grasp_state_closes_every_valve_and_regulate_opens_them_again(graph):

@@ -15,7 +15,7 @@ from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.fe.paper_comparison import PaperPoint, paper_points
 from mbpam_ros.study.fe.posture import END_LENGTH_MM, END_WEIGHT_FACTOR
 from mbpam_ros.study.pictures import PictureError, require_matplotlib
-from mbpam_ros.study.silicone.known import load_silicone
+from mbpam_ros.study.silicone.known import yeoh_constants_of
 from mbpam_ros.terminal import Progress
 
 
@@ -129,7 +129,7 @@ def run_of(options: argparse.Namespace, design: Sequence[float] | None = None, p
             end_length_mm=options.end_length,
             end_weight_factor=options.end_weight,
             self_contact=options.self_contact,
-            silicone=load_silicone(options.silicone) if options.silicone else Silicone(),
+            silicone=Silicone(**yeoh_constants_of(options.silicone).constants()) if options.silicone else Silicone(),
         )
     except ValueError as error:
         raise ArgumentError(str(error)) from error

@@ -54,7 +54,7 @@ class _FeltSimulation(Simulation):
     watch: HoldingWatch | None = None
     gain: NDArray[np.float64] | float = 1.0
 
-    def _valves(self, spool: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _moved(self, spool: NDArray[np.float64]) -> NDArray[np.float64]:
         if self.watch is not None:
             self.watch.valves(self.seen.time_s, spool)
         return np.clip(self.gain * spool, -1.0, 1.0)

@@ -17,16 +17,16 @@ from scipy.optimize import minimize
 from mbpam_ros.study.judge.judge import Judged
 from mbpam_ros.study.judge.score import MATCHED_WITHIN_M, gap_m, is_right
 from mbpam_ros.vision.confidence import FEATURES, features
-from mbpam_ros.vision.detector import SOURCES, DetectorConfig, Source, described
+from mbpam_ros.vision.detector import DetectorConfig, Source, described
 from mbpam_ros.vision.region_fit import Hypothesis
 
-_RIDGE = 1e-3
+_RIDGE = 3.0
 
 
 def fit_weights(hypotheses: Sequence[Hypothesis], right: Sequence[bool]) -> dict[str, float]:
     """Return the weights of the logistic function that makes what was seen most likely.
 
-    Maximum likelihood with a ridge of 1e-3 a sample, which keeps the weights of features that hardly vary small.
+    Maximum likelihood with a ridge, which keeps the weights of features that hardly vary small.
 
     Args:
         hypotheses: of all forms, whichever was answered.
@@ -34,7 +34,7 @@ def fit_weights(hypotheses: Sequence[Hypothesis], right: Sequence[bool]) -> dict
     """
     rows = np.array([[features(item)[name] for name in FEATURES] for item in hypotheses])
     sign = np.where(np.asarray(right), 1.0, -1.0)
-    penalty = np.full(len(FEATURES), _RIDGE * len(rows))
+    penalty = np.full(len(FEATURES), _RIDGE)
     penalty[0] = 0.0
 
     def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -61,8 +61,14 @@ def labelled(judged: Iterable[Judged]) -> tuple[list[Hypothesis], list[bool]]:
 
 
 def refitted(config: DetectorConfig, judged: Mapping[Source, Sequence[Judged]]) -> DetectorConfig:
-    """Return the detector with weights fitted to judged images of each source."""
-    return replace(config, confidence={source: fit_weights(*labelled(judged[source])) for source in SOURCES})
+    """Return the detector with weights fitted to judged images of each source.
+
+    With and without the empty table the same figures speak for a hypothesis, so these share their weights: twice the
+    images for each.
+    """
+    of_colour = fit_weights(*labelled([*judged["image"], *judged["background"]]))
+    of_depth = fit_weights(*labelled(judged["depth"]))
+    return replace(config, confidence={"image": of_colour, "background": dict(of_colour), "depth": of_depth})
 
 
 def with_weights(text: str, config: DetectorConfig) -> str:

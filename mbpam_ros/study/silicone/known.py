@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mbpam_ros.configuration import ConfigError, load_config, parse_config
-from mbpam_ros.study.fe.material import Silicone
+from mbpam_ros.study.silicone.hyperelastic import Yeoh
 
 SILICONES_FILE = "silicones.yaml"
 
@@ -34,13 +34,6 @@ class _SiliconesFile:
     silicones: dict[str, KnownSilicone]
 
 
-@dataclass(frozen=True)
-class _YeohConstants:
-    c10_mpa: float
-    c20_mpa: float
-    c30_mpa: float
-
-
 def load_silicones() -> dict[str, KnownSilicone]:
     """Return the silicones of the configuration by name.
 
@@ -50,8 +43,8 @@ def load_silicones() -> dict[str, KnownSilicone]:
     return load_config(_SiliconesFile, SILICONES_FILE).silicones
 
 
-def load_silicone(name: str) -> Silicone:
-    """Return the material of a name in the configuration, or of a file of ``mbpam silicone --json``.
+def yeoh_constants_of(name: str) -> Yeoh:
+    """Return Yeoh's constants of a name in the configuration, or of a file of ``mbpam silicone --json``.
 
     Raises:
         ConfigError: there is neither, or the file has no constants of Yeoh's model.
@@ -59,7 +52,7 @@ def load_silicone(name: str) -> Silicone:
     known = load_silicones()
     if name in known:
         found = known[name]
-        return Silicone(found.c10_mpa, found.c20_mpa, found.c30_mpa)
+        return Yeoh(found.c10_mpa, found.c20_mpa, found.c30_mpa)
     path = Path(name)
     if not path.is_file():
         raise ConfigError(f"no silicone {name!r}, nor a file of that name; known: {', '.join(known)}")
@@ -67,5 +60,4 @@ def load_silicone(name: str) -> Silicone:
         constants = json.loads(path.read_text(encoding="utf-8"))["models"]["yeoh"]["constants"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ConfigError(f"{name}: no file of mbpam silicone --json: it has no constants of Yeoh's model") from error
-    yeoh = parse_config(_YeohConstants, constants, f"{name}: yeoh")
-    return parse_config(Silicone, vars(yeoh), name)
+    return parse_config(Yeoh, constants, f"{name}: yeoh")

@@ -43,7 +43,7 @@ def test_the_patterns_come_back_from_another_run_of_the_same_cell(shares):
 
 @pytest.mark.parametrize(
     ("shares", "moment_error", "bend_error"),
-    [((1.0, 0.5, 0.0, 0.0), 0.023, 0.031), ((1.0, 0.0, 0.5, 0.0), 0.036, 0.04)],
+    [((1.0, 0.5, 0.0, 0.0), 0.0105, 0.012), ((1.0, 0.0, 0.5, 0.0), 0.008, 0.022)],
     ids=["p, p/2, 0, 0", "p, 0, p/2, 0"],
 )
 def test_the_two_sets_of_the_issue_have_the_stated_error(shares, moment_error, bend_error):
@@ -61,8 +61,8 @@ def test_all_unequal_sets_together_have_the_stated_error():
     found = np.array([errors(row) for row in UNEQUAL])
     assert len(found) == 30
     rms, worst = np.sqrt(np.mean(found**2, axis=0)), found.max(axis=0)
-    assert (rms <= [0.031, 0.048]).all()
-    assert (worst <= [0.086, 0.113]).all()
+    assert (rms <= [0.0235, 0.027]).all()
+    assert (worst <= [0.061, 0.061]).all()
 
 
 def test_equal_pressures_in_opposite_chambers_do_not_bend_and_stiffen():

@@ -46,6 +46,15 @@ def test_what_the_listener_has_slept_through_is_no_silence_of_others(held_up_s):
     assert signs.look(1.02 + held_up_s) == (ONE,)
 
 
+def test_a_listener_that_was_held_up_itself_gives_others_as_much_more_time():
+    signs = SignsOfLife()
+    signs.look(0.0)
+    signs.hear(ONE)
+    for k in range(1, 21):
+        assert signs.look(0.02 * k, held_up_s=0.2) == (ONE,)
+    assert signs.look(0.42, held_up_s=0.0) == ()
+
+
 def test_two_of_one_name_are_told_apart_until_one_is_silent():
     signs = SignsOfLife()
     for k in range(40):

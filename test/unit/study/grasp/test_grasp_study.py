@@ -82,6 +82,7 @@ def test_a_pressure_that_fails_above_the_least_one_is_named(monkeypatch, capsys)
         (["--objects", "empty", "--design", "initial"], "scene empty: nothing to grasp"),
         (["--objects", "bulb", "bulb"], "scene bulb: there are two of this name"),
         (["--objects", "bulb", "--workers", "0"], "at least 1 worker"),
+        (["--objects", "bulb", "--tier", "arc", "--strains", "bend", "twist"], "neither twists nor stretches"),
     ],
 )
 def test_what_cannot_be_studied_is_said_in_one_line(arguments, message, capsys):

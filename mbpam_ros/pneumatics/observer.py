@@ -1,0 +1,781 @@
+r"""Sixteen observers: does a channel's reading move as its valve and the supply allow?
+
+The valve and chamber assumed are those of the feed-forward (:mod:`~mbpam_ros.pneumatics.controller`): at the opening s
+the pressure moves at s (p_s - p) / tau to fill and s p / tau to vent. A sound machine may be slower or faster by the
+factors k_low and k_high, so that over an interval the reading moves by no less than l dt and no more than h dt, with
+
+    h = k_high s (p_s - p) / tau for s > 0, -k_low |s| p / tau for s < 0,
+    l = k_low  s (p_s - p) / tau for s > 0, -k_high |s| p / tau for s < 0,
+
+s being the greatest, for l the least, opening commanded in the time that a command takes to show in a reading
+(``lag_time_s``: spool, filter, a sample or two of transport). What the reading does beyond that is summed, with a slack
+c a second taken off (a one-sided cumulative sum, Page 1954):
+
+    U <- max(0, U + dp - h dt - c dt),    D <- max(0, D + l dt - dp - c dt).
+
+A sum telescopes, so that white noise of the reading does not add up in it, and a threshold is compared with pressure
+itself: what a fault must have moved, or failed to move, before it is named. A channel that does not follow is first
+closed and looked at: a leak then goes on falling, a slow valve goes on filling, and what neither does is a valve that
+stays closed or a transducer that stands still.
+
+Slower than the slack, with the valve closed: the slope of the reading over all stretches in which the valve was closed,
+by least squares with a mean of its own for each stretch, and what the valve has had to add, times k_low. Noise: mean
+square of the second difference of the reading, which a steady rate does not enter; for a data sheet's sigma and the
+first-order low-pass of gain a it is sigma^2 a / (2 - a) (6 - 8 (1 - a) + 2 (1 - a)^2).
+
+What cannot be told: a reading that drifts slower than ``slow_rate_pa_s``, or noise less than ``noise_ratio`` times the
+data sheet's; a leak from a drift faster than ``drift_limit_pa_s``, which counts as a leak; and, without a test pulse
+(:mod:`~mbpam_ros.pneumatics.probing`), anything about a valve that rests. O(1) a tick for all channels together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, CHANNEL_NAMES
+from mbpam_ros.configuration import require_positive
+from mbpam_ros.pneumatics.findings import SUPPLY, Fault, Finding
+from mbpam_ros.pneumatics.transducer import TransducerConfig
+
+Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+READINGS_KEPT = 8
+_MOMENT = np.arange(6) - 2.5
+_DOUBT_S = 0.5
+_GREATEST_LEAK_1_S = 2.0
+_NOMINAL_TICK_S = 0.01
+_SLOW_TICKS = 5
+
+
+@dataclass(frozen=True)
+class ObserverConfig:
+    """Bounds of a sound machine, wide on purpose.
+
+    Args:
+        slowest_ratio: k_low, least true over assumed rate of a sound valve.
+        fastest_ratio: k_high, greatest.
+        lag_time_s: time in which a command shows in a reading.
+        follow_threshold_pa: what a filling channel may lag behind the least that it must do.
+        move_threshold_pa: what a reading may move beyond what its valve allows.
+        jump_threshold_pa: what it may move in one sample beyond a valve that is fully open.
+        follow_slack_pa_s: taken off a second while the valve fills.
+        move_slack_pa_s: taken off a second otherwise: slower than this is left to the slope.
+        look_time_s: how long a channel that does not follow is closed and looked at.
+        slow_rate_pa_s: slope of a reading with its valve closed that a sound channel may have, leaks within the data
+            sheet included.
+        drift_limit_pa_s: a reading that falls faster leaks: no transducer drifts so fast.
+        unexplained_limit_pa: air that may be added to, or let out of, a channel that leaks or drifts until one knows.
+        noise_ratio: noise of a sound transducer over its data sheet's.
+        settle_time_s: after a new set-point slopes and noise are not looked at.
+        clear_time_s: a vented channel without anything odd for this long is sound again.
+        clear_below_gauge_pa: a reading below this counts as vented.
+    """
+
+    slowest_ratio: float = 0.35
+    fastest_ratio: float = 2.5
+    lag_time_s: float = 0.03
+    follow_threshold_pa: float = 1500.0
+    move_threshold_pa: float = 3000.0
+    jump_threshold_pa: float = 8000.0
+    follow_slack_pa_s: float = 2000.0
+    move_slack_pa_s: float = 10000.0
+    look_time_s: float = 0.1
+    slow_rate_pa_s: float = 220.0
+    drift_limit_pa_s: float = 3000.0
+    unexplained_limit_pa: float = 6000.0
+    noise_ratio: float = 3.0
+    settle_time_s: float = 1.0
+    clear_time_s: float = 1.0
+    clear_below_gauge_pa: float = 5000.0
+
+    def __post_init__(self) -> None:
+        require_positive(self, *self.__dataclass_fields__)
+        if not self.slowest_ratio < 1.0 < self.fastest_ratio:
+            raise ValueError(
+                f"slowest_ratio = {self.slowest_ratio:g} and fastest_ratio = {self.fastest_ratio:g} must have 1 "
+                "between them"
+            )
+
+
+@dataclass(frozen=True)
+class AssumedValve:
+    """The valve and reading that the observer compares with.
+
+    Args:
+        supply_gauge_pa: p_s.
+        time_constant_s: tau.
+        least_drop_pa: the fastest rates are bounded with at least this pressure difference.
+        noise_pa: data sheet noise of one raw sample.
+        cutoff_hz: of the low-pass between sample and reading.
+    """
+
+    supply_gauge_pa: float
+    time_constant_s: float
+    least_drop_pa: float
+    noise_pa: float
+    cutoff_hz: float
+
+    @staticmethod
+    def noise_of(transducer: TransducerConfig) -> float:
+        """Return the noise of one converted sample [Pa], quantisation included."""
+        return transducer.gain_pa_v * math.sqrt(transducer.noise_v**2 + transducer.resolution_v**2 / 12.0)
+
+
+_NAMED_AT_ONCE = (
+    Fault.JUMPED, Fault.SWAPPED, Fault.RISES, Fault.NOT_FOLLOWING, Fault.NOT_VENTING, Fault.SLOW_VALVE, Fault.LEAK,
+)  # fmt: skip
+_NONE = np.zeros(CHANNEL_COUNT, dtype=bool)
+_NONE.flags.writeable = False
+_ALL = ~_NONE
+_ALL.flags.writeable = False
+_ZEROS = np.zeros(CHANNEL_COUNT)
+_ZEROS.flags.writeable = False
+
+
+def _mask_of(channels: Collection[int]) -> Mask:
+    if not channels:
+        return _NONE
+    mask = np.zeros(CHANNEL_COUNT, dtype=bool)
+    mask[list(channels)] = True
+    return mask
+
+
+class _Course(NamedTuple):
+    """One interval: length, readings before, how they moved, openings that may show in it, which were read."""
+
+    dt_s: float
+    last: Vector
+    moved: Vector
+    low: Vector
+    high: Vector
+    valid: Mask
+
+
+class _Look(NamedTuple):
+    """A channel that is closed and looked at: since when, whether it and who else filled, how far it was behind."""
+
+    since_s: float
+    filled: bool
+    filling: Mask
+    behind_pa: float
+
+
+class Observer:
+    """Watches readings beside commands; names what cannot be.
+
+    Each tick: :meth:`update` with the reading, then :meth:`commanded` with the openings that follow from it.
+    """
+
+    def __init__(self, config: ObserverConfig, valve: AssumedValve) -> None:
+        self._config, self._valve = config, valve
+        alpha = -math.expm1(-2.0 * math.pi * valve.cutoff_hz * _NOMINAL_TICK_S)
+        self._filtered_noise_pa2 = valve.noise_pa**2 * alpha / (2.0 - alpha)
+        self._sound_noise_pa = math.sqrt(self._filtered_noise_pa2)
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Forget everything, findings too."""
+        n = CHANNEL_COUNT
+        self._time_s, self._interval_s = -math.inf, _NOMINAL_TICK_S
+        self._findings: dict[tuple[Fault, tuple[str, ...]], Finding] = {}
+        self._masks: dict[tuple[Fault, ...], Mask] = {}
+        self._odd_at_s = np.full(n, -math.inf)
+        self._supply_since_s, self._supply_open = -math.inf, True
+        self._targets: Vector | None = None
+        self._settled_at_s = np.full(n, -math.inf)
+        self.gain = np.ones(n)
+        self._filled, self._filling = np.zeros(n), np.zeros(n)
+        self._noise_pa2 = np.full(n, self._filtered_noise_pa2)
+        self._lasting_noise_pa2 = self._noise_pa2.copy()
+        self._sigma_pa: Vector = np.sqrt(self._noise_pa2)
+        self._margin_pa: Vector = np.zeros(n)
+        self._ticks = 0
+        self._leak_1_s = np.zeros(n)
+        self._rises: dict[int, float] = {}
+        self._looks: dict[int, _Look] = {}
+        self._forget_course()
+
+    def _forget_course(self) -> None:
+        """Start all sums anew, as after a gap in the readings."""
+        n = CHANNEL_COUNT
+        self._readings = np.full((READINGS_KEPT, n), np.nan)
+        self._low = np.zeros((3, n))
+        self._high = np.zeros((3, n))
+        self._fills = np.zeros((6, n))
+        self._closed_ticks = np.zeros(n, dtype=int)
+        self._up, self._down = np.zeros(n), np.zeros(n)
+        self._gone, self._come = np.zeros(n), np.zeros(n)
+        self._slope = _Slopes()
+        self._effort_pa, self._effort_from_pa, self._effort_s = np.zeros(n), np.full(n, np.nan), 0.0
+        self._unexplained_pa = np.zeros(n)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What stands."""
+        return tuple(self._findings.values())
+
+    def channels(self, *faults: Fault) -> Mask:
+        """Return which channels have one of these faults, shape (16,)."""
+        if not self._findings:
+            return _NONE
+        if faults not in self._masks:
+            mask = np.zeros(CHANNEL_COUNT, dtype=bool)
+            for fault, names in self._findings:
+                if fault in faults:
+                    mask[[CHANNEL_NAMES.index(name) for name in names]] = True
+            mask.flags.writeable = False
+            self._masks[faults] = mask
+        return self._masks[faults]
+
+    @property
+    def leak_1_s(self) -> Vector:
+        """One over the time constants of the leaks that were found, shape (16,)."""
+        return np.minimum(np.where(self.channels(Fault.LEAK), self._leak_1_s, 0.0), _GREATEST_LEAK_1_S)
+
+    @property
+    def looked_at(self) -> Mask:
+        """Channels that must be closed now to see what they do, shape (16,)."""
+        return _mask_of(self._looks)
+
+    @property
+    def rising(self) -> Mask:
+        """Channels whose pressure seems to come in without their valve, not yet named, shape (16,)."""
+        return _mask_of(self._rises)
+
+    @property
+    def supply_low(self) -> bool:
+        """Whether the supply is known to be low or gone."""
+        return (Fault.SUPPLY_LOW, (SUPPLY,)) in self._findings
+
+    @property
+    def sound_noise_pa(self) -> float:
+        """Noise of a filtered reading by the data sheet [Pa]."""
+        return self._sound_noise_pa
+
+    @property
+    def reading_noise_pa(self) -> Vector:
+        """Noise of the filtered readings as it is, shape (16,) [Pa]."""
+        return self._sigma_pa
+
+    @property
+    def at_rest(self) -> Mask:
+        """Channels whose valve has been closed long enough for the reading to stand, shape (16,)."""
+        return np.asarray(self._closed_ticks >= READINGS_KEPT)
+
+    def mean_reading(self, ticks: int) -> Vector:
+        """Return the mean of the last few readings, shape (16,) [Pa]."""
+        return np.asarray(self._readings[-ticks:].mean(axis=0))
+
+    def aim(self, target_gauge_pa: Vector, time_s: float) -> None:
+        """Take the set-points, shape (16,): slopes and efforts of channels with a new one start anew."""
+        if self._targets is None:
+            self._targets = np.full(CHANNEL_COUNT, np.nan)
+        new = target_gauge_pa != self._targets
+        if new.any():
+            self._targets = target_gauge_pa.copy()
+            self._settled_at_s[new] = time_s + self._config.settle_time_s
+            self._filled[new] = self._filling[new] = 0.0
+            self._forget_slow(new)
+
+    def commanded(self, spool: Vector) -> None:
+        """Take the openings, shape (16,), that hold until the next update."""
+        self._low[:-1], self._high[:-1] = self._low[1:], self._high[1:]
+        self._low[-1] = self._high[-1] = spool
+
+    def update(self, time_s: float, pressure_gauge_pa: Vector, supply_open: bool, vented: bool) -> None:
+        """Take readings, shape (16,) [Pa gauge], NaN for none, and what was commanded of supply and stop since."""
+        config = self._config
+        dt_s, self._time_s = time_s - self._time_s, time_s
+        if supply_open != self._supply_open:
+            self._supply_open, self._supply_since_s = supply_open, time_s
+        if not 0.0 < dt_s < 0.5:
+            if dt_s != 0.0:
+                self._forget_course()
+            self._keep(pressure_gauge_pa)
+            return
+        if dt_s > 0.8 * config.lag_time_s:  # held up: valves close by themselves when no command comes
+            self._low, self._high = np.minimum(self._low, 0.0), np.maximum(self._high, 0.0)
+        self._interval_s += 0.1 * (dt_s - self._interval_s)
+        before = self._readings[-1].copy()
+        self._keep(pressure_gauge_pa)
+        last, moved, valid = before, self._readings[-1] - before, _ALL
+        if not math.isfinite(moved.sum()):
+            valid = np.isfinite(moved)
+            last, moved = np.where(np.isfinite(before), before, 0.0), np.where(valid, moved, 0.0)
+        low = np.minimum(np.minimum(self._low[0], self._low[1]), self._low[2])
+        high = np.maximum(np.maximum(self._high[0], self._high[1]), self._high[2])
+        course = _Course(dt_s, last, moved, low, high, valid)
+        self._sum_up(course)
+        self._ticks += 1
+        if self._ticks % 2 == 0:
+            self._estimate_noise(course)
+        self._judge(course)
+        self._judge_slow(course)
+        self._clear(valid, vented)
+
+    def _keep(self, pressure_gauge_pa: Vector) -> None:
+        self._readings[:-1] = self._readings[1:]
+        self._readings[-1] = pressure_gauge_pa
+        if not math.isfinite(pressure_gauge_pa.sum()):
+            self._readings[-1][~np.isfinite(pressure_gauge_pa)] = np.nan
+
+    # Sums
+
+    def _sum_up(self, course: _Course) -> None:
+        config, dt_s = self._config, course.dt_s
+        most, least = self._allowed(course)
+        up = self._up + course.moved - (most + config.move_slack_pa_s) * dt_s
+        slack = np.where(course.low > 0.0, config.follow_slack_pa_s, config.move_slack_pa_s)
+        down = self._down + (least - slack) * dt_s - course.moved
+        bound = 2.0 * config.move_threshold_pa + 12.0 * self._sigma_pa  # what stands must be able to go
+        self._up, self._down = np.minimum(np.maximum(up, 0.0), bound), np.minimum(np.maximum(down, 0.0), bound)
+        if course.valid is not _ALL:
+            self._up[~course.valid] = self._down[~course.valid] = 0.0
+
+    def _allowed(self, course: _Course) -> tuple[Vector, Vector]:
+        """Return the greatest and the least rate that openings allow, shape (16,) each; learn the valves' rates."""
+        config, valve = self._config, self._valve
+        low, high, last = course.low, course.high, course.last
+        self._fills[:-1] = self._fills[1:]
+        self._fills[-1] = 0.0
+        if not (low.any() or high.any()):
+            return _ZEROS, _ZEROS
+        slowest, fastest = config.slowest_ratio / valve.time_constant_s, config.fastest_ratio / valve.time_constant_s
+        drop = valve.supply_gauge_pa - last
+        fill_most = fastest * np.maximum(drop, valve.least_drop_pa)
+        vent_most = fastest * np.maximum(last, valve.least_drop_pa)
+        margin = config.move_threshold_pa
+        supplied = self._supplied
+        fill_least = slowest * np.maximum(drop - margin, 0.0) if supplied else _ZEROS
+        vent_least = slowest * np.maximum(last - margin, 0.0)
+        most = np.where(high > 0.0, high * fill_most, high * vent_least)
+        least = np.where(low < 0.0, low * vent_most, low * fill_least)
+        filling = (low > 0.05) & course.valid
+        if not supplied:  # what is open to an empty manifold flows back
+            least -= np.maximum(high, 0.0) * vent_most
+        elif filling.any():
+            self._learn(filling, low * np.maximum(drop, 0.0) / valve.time_constant_s * course.dt_s, course.moved)
+        return most, least
+
+    def _learn(self, filling: Mask, fill_pa: Vector, moved: Vector) -> None:
+        """Compare what valves filled with what they should have, over a whole grasp."""
+        config = self._config
+        self._fills[-1] = np.where(filling, fill_pa, 0.0)
+        self._filling += self._fills[-1]
+        self._filled += np.where(filling, moved, 0.0)
+        known = self._filling > 20e3
+        ratio = np.divide(self._filled, self._filling, out=np.ones(CHANNEL_COUNT), where=known)
+        ratio = np.minimum(np.maximum(ratio, config.slowest_ratio), config.fastest_ratio)
+        self.gain = np.where(known, ratio, self.gain)
+
+    @property
+    def _supplied(self) -> bool:
+        """Whether the manifold is known to be full."""
+        return self._supply_open and self._time_s - self._supply_since_s > 0.15
+
+    def _estimate_noise(self, course: _Course) -> None:
+        """Follow the noise, every second sample; a sample's share is bounded, so that one jump does not make it."""
+        second = self._readings[-1] - 2.0 * self._readings[-2] + self._readings[-3]
+        calm = np.isfinite(second)
+        alpha = -math.expm1(-2.0 * math.pi * self._valve.cutoff_hz * course.dt_s)
+        share = 6.0 - 8.0 * (1.0 - alpha) + 2.0 * (1.0 - alpha) ** 2
+        sample = np.minimum(second * second / share, 100.0 * self._noise_pa2)
+        swing = course.high - course.low
+        if swing.any():  # what the valve itself can bend the reading by
+            fastest = self._config.fastest_ratio / self._valve.time_constant_s * course.dt_s
+            bent = swing * fastest * np.maximum(self._valve.supply_gauge_pa - course.last, course.last)
+            sample = np.maximum(sample - bent * bent / share, 0.0)
+        if not calm.all():
+            sample = np.where(calm, sample, self._noise_pa2)
+        self._noise_pa2 += -math.expm1(-2.0 * course.dt_s / 0.25) * (sample - self._noise_pa2)
+        self._noise_pa2 = np.maximum(self._noise_pa2, 0.1 * self._filtered_noise_pa2)
+        # To name it slower, and with less of a single sample: one step is no noise.
+        sample = np.minimum(sample, 50.0 * self._filtered_noise_pa2)
+        self._lasting_noise_pa2 += -math.expm1(-2.0 * course.dt_s / 0.5) * (sample - self._lasting_noise_pa2)
+        self._sigma_pa = np.sqrt(self._noise_pa2)
+        self._margin_pa = 6.0 * np.maximum(self._sigma_pa - 2.0 * self.sound_noise_pa, 0.0)
+
+    # Fast faults
+
+    def _judge(self, course: _Course) -> None:
+        config, margin = self._config, self._margin_pa
+        if np.abs(course.moved).max() > config.jump_threshold_pa:
+            self._judge_jumps(course)
+        if self._up.max() > config.move_threshold_pa or self._down.max() > config.follow_threshold_pa:
+            known = self._known
+            least = np.where(course.low > 0.0, config.follow_threshold_pa, config.move_threshold_pa)
+            for risen in np.flatnonzero((self._up > config.move_threshold_pa + margin) & ~known):
+                self._suspect_rise(int(risen), course.high)
+            for fallen in np.flatnonzero((self._down > least + margin) & ~known):
+                self._suspect_fall(int(fallen), course.low, course.high)
+        for channel in list(self._rises):
+            if channel in self._rises:
+                self._judge_rise(channel)
+        for channel in list(self._looks):
+            if channel in self._looks:
+                self._judge_look(channel)
+
+    def _judge_jumps(self, course: _Course) -> None:
+        valve = self._valve
+        fastest = self._config.fastest_ratio / valve.time_constant_s * course.dt_s
+        beyond = self._config.jump_threshold_pa + self._margin_pa
+        fill = fastest * np.maximum(valve.supply_gauge_pa - course.last, valve.least_drop_pa)
+        vent = fastest * np.maximum(course.last, valve.least_drop_pa)
+        jumped = (course.moved > fill + beyond) | (-course.moved > vent + beyond)
+        self._name_jumps(np.flatnonzero(jumped & course.valid & ~self._known), course.moved)
+
+    @property
+    def _known(self) -> Mask:
+        """Channels about whose quick movements nothing more is to be said."""
+        return self.channels(*_NAMED_AT_ONCE) | self.rising | self.looked_at
+
+    def _name_jumps(self, jumped: NDArray[np.int64], moved: Vector) -> None:
+        for channel in map(int, jumped):
+            if self._known[channel]:
+                continue
+            first = channel - channel % CHAMBERS_PER_FINGER
+            others = [other for other in range(first, first + CHAMBERS_PER_FINGER) if other != channel]
+            partner = min(others, key=lambda other: abs(moved[other] + moved[channel]))
+            if abs(moved[partner] + moved[channel]) < 0.25 * abs(moved[channel]):
+                self._find_swapped(channel, partner, "changed readings with each other in one sample")
+            else:
+                step = f"moved by {1e-3 * moved[channel]:.1f} kPa in one sample, to {self._kpa(channel)} kPa"
+                self._find(Fault.JUMPED, (channel,), f"{step}; no valve can do that", 0.99)
+
+    def _suspect_rise(self, channel: int, high: Vector) -> None:
+        before = self._readings[-5, channel]
+        if high[channel] < 0.0 and self._readings[-1, channel] - before < 200.0:
+            behind = f"{1e-3 * self._up[channel]:.1f} kPa behind what its valve must vent, at {self._kpa(channel)} kPa"
+            self._find(Fault.NOT_VENTING, (channel,), behind, self._confidence(self._up[channel], channel))
+        else:
+            self._rises[channel] = self._time_s
+
+    def _judge_rise(self, channel: int) -> None:
+        """Name it later than it is acted on: by then a channel it was swapped with stands still, or the air goes."""
+        since_s = self._rises[channel]
+        if self._time_s - since_s < 0.035:
+            return
+        other = self._standing_still(channel)
+        if other is not None:
+            self._find_swapped(channel, other, "one rises while the other's valve fills, which stands still")
+            return
+        if self._time_s - since_s < self._config.look_time_s:
+            return
+        del self._rises[channel]
+        moving = abs(self._rate(channel)) > self._seen_pa_s(channel)
+        then = "and moves on" if moving else "and stopped"
+        evidence = f"rose beyond what its valve allows, {then} when closed without supply, at {self._kpa(channel)} kPa"
+        self._find(Fault.RISES, (channel,), evidence, 0.99 if moving else 0.9)
+
+    def _standing_still(self, channel: int) -> int | None:
+        """Return the channel of its finger that filled and did not move while this one rose, if there is one."""
+        risen = self._readings[-1] - self._readings[-7]
+        least = self._config.slowest_ratio * self._fills.sum(axis=0)
+        still = (least > 2000.0) & (risen < 0.2 * least)
+        still[channel] = False
+        finger = np.arange(CHANNEL_COUNT) // CHAMBERS_PER_FINGER == channel // CHAMBERS_PER_FINGER
+        others = np.flatnonzero(still & finger)
+        return int(others[0]) if others.size > 0 else None
+
+    def _suspect_fall(self, channel: int, low: Vector, high: Vector) -> None:
+        filled = bool(high[channel] >= 0.03)
+        self._looks[channel] = _Look(self._time_s, filled, low > 0.05, float(self._down[channel]))
+
+    def _judge_look(self, channel: int) -> None:
+        """Say what a channel does that fell or did not follow, after it has been closed for a while."""
+        look = self._looks[channel]
+        if self._time_s - look.since_s < self._config.look_time_s:
+            return
+        rate_pa_s, seen_pa_s = self._rate(channel), self._seen_pa_s(channel)
+        if rate_pa_s < -seen_pa_s:
+            del self._looks[channel]
+            self._find_leak(channel, -rate_pa_s)
+        elif not look.filled:
+            del self._looks[channel]
+            self._find(
+                Fault.JUMPED, (channel,), f"fell, and stopped, with its valve closed, at {self._kpa(channel)} kPa", 0.95
+            )
+        elif np.count_nonzero(look.filling) > 1 and self._all_starved(channel, look):
+            self._find_supply(
+                f"all {np.count_nonzero(look.filling)} channels that filled fell behind together, at "
+                f"{self._kpa(channel)} kPa",
+                self._confidence(look.behind_pa, channel),
+            )
+        elif self._alone(channel, look) and self._time_s - look.since_s < self._config.look_time_s + _DOUBT_S:
+            return  # the test pulses of the others may show that there is no supply
+        else:
+            del self._looks[channel]
+            behind = f"{1e-3 * look.behind_pa:.1f} kPa behind the least that its valve must fill"
+            evidence, confidence = f"{behind}, at {self._kpa(channel)} kPa", self._confidence(look.behind_pa, channel)
+            if rate_pa_s > max(seen_pa_s, 10e3):
+                self._find(Fault.SLOW_VALVE, (channel,), f"{evidence}, and it went on filling when closed", confidence)
+            else:
+                self._find(Fault.NOT_FOLLOWING, (channel,), evidence, confidence)
+
+    def _all_starved(self, channel: int, look: _Look) -> bool:
+        """Return whether every channel that filled then has fallen behind too."""
+        behind = self.looked_at | self.channels(Fault.SLOW_VALVE, Fault.NOT_FOLLOWING)
+        behind |= self._down > 0.4 * self._config.follow_threshold_pa
+        return bool((behind | ~look.filling).all())
+
+    def _alone(self, channel: int, look: _Look) -> bool:
+        """Return whether nothing else filled, in a grasp that has long closed."""
+        return bool(np.count_nonzero(look.filling) <= 1 and self._time_s > self._settled_at_s[channel])
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether a channel did not follow that may want for supply: test pulses of others would tell."""
+        return any(look.filled and self._alone(channel, look) for channel, look in self._looks.items())
+
+    # Slow faults
+
+    def _judge_slow(self, course: _Course) -> None:
+        """Look at closed channels, every :data:`_SLOW_TICKS`-th sample."""
+        config = self._config
+        closed = (course.low == 0.0) & (course.high == 0.0) & course.valid
+        self._closed_ticks = (self._closed_ticks + 1) * closed
+        self._judge_effort(course)
+        if self._ticks % _SLOW_TICKS != 0:
+            return
+        settled = self._time_s > self._settled_at_s
+        counts = (self._closed_ticks >= READINGS_KEPT) & settled & ~self._known
+        moved = np.where(counts, self._readings[-1] - self._readings[-1 - _SLOW_TICKS], 0.0)
+        allowed = config.slow_rate_pa_s * _SLOW_TICKS * course.dt_s * counts
+        self._gone = np.maximum(0.0, self._gone - moved - allowed)
+        self._come = np.maximum(0.0, self._come + moved - allowed)
+        self._slope.add(self._readings[-1], _SLOW_TICKS * course.dt_s, counts)
+        # What moves fast is left to the other sums.
+        moves = (np.maximum(self._gone, self._come) > 1500.0 + 8.0 * self._sigma_pa) & (
+            np.maximum(self._up, self._down) < 500.0
+        )
+        steadily = self._slope.steady(config.slow_rate_pa_s, self._sigma_pa)
+        for channel in np.flatnonzero((moves | steadily) & self._unnamed):
+            self._name_slow(int(channel))
+        self._judge_noise(settled)
+
+    @property
+    def _unnamed(self) -> Mask:
+        """Channels about whose slow movements something new may be said."""
+        return ~(self._known | self.channels(Fault.LEAK_OR_DRIFT, Fault.DRIFT))
+
+    def _name_slow(self, channel: int) -> None:
+        rate_pa_s = self._slope.rate(channel)
+        self._find_slow(channel, rate_pa_s, "with its valve closed")
+        self._forget_slow(np.arange(CHANNEL_COUNT) == channel)
+
+    def _judge_effort(self, course: _Course) -> None:
+        """Compare what valves had to add with what came of it, a second at a time."""
+        config = self._config
+        opening = self._low[-2]
+        if opening.any():
+            drop = np.where(opening > 0.0, self._valve.supply_gauge_pa - course.last, course.last)
+            added = opening * np.maximum(drop, 0.0) / self._valve.time_constant_s * course.dt_s
+            self._effort_pa += added
+            self._judge_unexplained(added)
+        self._effort_s += course.dt_s
+        if self._effort_s < 1.0:
+            return
+        settled = (self._time_s > self._settled_at_s + 1.0) & course.valid
+        lost = config.slowest_ratio * self._effort_pa - (self._readings[-1] - self._effort_from_pa)
+        here = settled & self._unnamed & np.isfinite(self._effort_from_pa)
+        for channel in np.flatnonzero(here & (np.abs(self._effort_pa) > 3e3)):
+            shown_pa_s = -lost[channel] if self._effort_pa[channel] < 0.0 else lost[channel]
+            if shown_pa_s > 1.0e3:
+                net = self.gain[channel] * self._effort_pa[channel]
+                self._find_slow(int(channel), -net / self._effort_s, "by what its valve had to make up for")
+        self._effort_pa, self._effort_s = np.zeros(CHANNEL_COUNT), 0.0
+        self._effort_from_pa = np.where(settled, self._readings[-1], np.nan)
+
+    def _judge_unexplained(self, added: Vector) -> None:
+        """End what no one can vouch for once a good deal of air was moved for it."""
+        suspects = self.channels(Fault.LEAK_OR_DRIFT)
+        if not suspects.any():
+            return
+        self._unexplained_pa += np.where(suspects, self.gain * added, 0.0)
+        for channel in np.flatnonzero(suspects & (np.abs(self._unexplained_pa) > self._config.unexplained_limit_pa)):
+            moved_pa = float(self._unexplained_pa[channel])
+            self._withdraw(np.arange(CHANNEL_COUNT) == channel, Fault.LEAK_OR_DRIFT)
+            evidence = f"{1e-3 * moved_pa:+.1f} kPa of air moved to keep a reading that no one can vouch for"
+            self._find(Fault.DRIFT if moved_pa > 0.0 else Fault.RISES, (int(channel),), evidence, 0.5)
+
+    def _judge_noise(self, settled: Mask) -> None:
+        ratio2 = self._lasting_noise_pa2 / self._filtered_noise_pa2
+        loud = (ratio2 > self._config.noise_ratio**2) & settled & ~self.channels(Fault.NOISY)
+        for channel in np.flatnonzero(loud):
+            raw_pa = self._sigma_pa[channel] / self.sound_noise_pa * self._valve.noise_pa
+            evidence = f"noise of {raw_pa:.0f} Pa, the data sheet has {self._valve.noise_pa:.0f} Pa"
+            self._find(Fault.NOISY, (int(channel),), evidence, 0.99)
+
+    def _forget_slow(self, channels: Mask) -> None:
+        self._gone[channels] = self._come[channels] = 0.0
+        self._slope.forget(channels)
+        self._effort_pa[channels], self._effort_from_pa[channels] = 0.0, np.nan
+        self._unexplained_pa[channels] = 0.0
+
+    # What stands
+
+    def find(self, fault: Fault, channels: tuple[int, ...], evidence: str, confidence: float) -> None:
+        """Take what a test pulse has found of channels by their index; none stands for the supply."""
+        if fault is Fault.SUPPLY_LOW:
+            self._find_supply(evidence, confidence)
+        else:
+            self._find(fault, channels, evidence, confidence)
+
+    def _find(self, fault: Fault, channels: tuple[int, ...], evidence: str, confidence: float) -> None:
+        names = tuple(CHANNEL_NAMES[channel] for channel in channels)
+        self._odd_at_s[list(channels)] = self._time_s
+        self._up[list(channels)] = self._down[list(channels)] = 0.0
+        if fault is not Fault.LEAK_OR_DRIFT:
+            self._forget_slow(np.isin(np.arange(CHANNEL_COUNT), channels))
+        self._masks.clear()
+        self._findings.setdefault((fault, names), Finding(fault, names, evidence, confidence))
+
+    def _find_swapped(self, first: int, second: int, evidence: str) -> None:
+        pair = (min(first, second), max(first, second))
+        for channel in pair:
+            self._rises.pop(channel, None)
+            self._looks.pop(channel, None)
+        self._find(Fault.SWAPPED, pair, f"with each other: {evidence}", 0.95)
+
+    def _find_supply(self, evidence: str, confidence: float) -> None:
+        self._odd_at_s[:] = self._time_s
+        self._down[:] = 0.0
+        self._looks.clear()
+        self._withdraw(np.ones(CHANNEL_COUNT, dtype=bool), Fault.NOT_FOLLOWING, Fault.SLOW_VALVE)
+        self._masks.clear()
+        self._findings.setdefault(
+            (Fault.SUPPLY_LOW, (SUPPLY,)), Finding(Fault.SUPPLY_LOW, (SUPPLY,), evidence, confidence)
+        )
+
+    def _find_leak(self, channel: int, rate_pa_s: float) -> None:
+        time_constant = f", time constant {self._readings[-1, channel] / rate_pa_s:.1f} s" if rate_pa_s > 1.0 else ""
+        evidence = (
+            f"falls {1e-3 * rate_pa_s:.1f} kPa/s with its valve closed, at {self._kpa(channel)} kPa{time_constant}"
+        )
+        self._find(Fault.LEAK, (channel,), evidence, 0.99)
+        self._leak_1_s[channel] = rate_pa_s / max(float(self._readings[-1, channel]), 1e3)
+
+    def _find_slow(self, channel: int, rate_pa_s: float, how: str) -> None:
+        if rate_pa_s < -self._config.drift_limit_pa_s:
+            tau_s = -self._readings[-1, channel] / rate_pa_s
+            evidence = f"loses {-1e-3 * rate_pa_s:.1f} kPa/s {how}, time constant {tau_s:.1f} s"
+            self._find(Fault.LEAK, (channel,), evidence, 0.95)
+            self._leak_1_s[channel] = 1.0 / tau_s
+        elif rate_pa_s > self._config.drift_limit_pa_s:
+            self._find(Fault.RISES, (channel,), f"gains {1e-3 * rate_pa_s:.1f} kPa/s {how}", 0.95)
+        else:
+            word = "falls" if rate_pa_s < 0.0 else "rises"
+            evidence = f"{word} {1e-3 * abs(rate_pa_s):.2f} kPa/s {how}, at {self._kpa(channel)} kPa"
+            self._find(Fault.LEAK_OR_DRIFT, (channel,), evidence, 0.95)
+
+    def _withdraw(self, channels: Mask, *faults: Fault) -> None:
+        names = {CHANNEL_NAMES[channel] for channel in np.flatnonzero(channels)}
+        for key in [key for key in self._findings if key[0] in faults and names.intersection(key[1])]:
+            del self._findings[key]
+        self._masks.clear()
+
+    def _clear(self, valid: Mask, vented: bool) -> None:
+        """Let findings go that are not seen any more: of vented channels after a while, of noise at once."""
+        if not self._findings:
+            return
+        reading = self._readings[-1]
+        resting = valid & (np.abs(reading) < self._config.clear_below_gauge_pa)
+        if not vented and self._targets is not None:
+            resting &= self._targets == 0.0
+        odd = ~resting | (self._up > 1000.0) | (self._down > 1000.0)
+        odd |= (np.maximum(self._gone, self._come) > 1000.0) | (
+            self._lasting_noise_pa2 > 4.0 * self._filtered_noise_pa2
+        )
+        self._odd_at_s[odd] = self._time_s
+        sound = self._time_s - self._odd_at_s > self._config.clear_time_s
+        for key in list(self._findings):
+            indices = [CHANNEL_NAMES.index(name) for name in key[1] if name != SUPPLY] or list(range(CHANNEL_COUNT))
+            if sound[indices].all():
+                del self._findings[key]
+                self._masks.clear()
+
+    # Words and numbers
+
+    def _rate(self, channel: int) -> float:
+        """Return the slope of the last few readings [Pa/s]."""
+        return float(_MOMENT @ self._readings[-_MOMENT.size :, channel] / (_MOMENT @ _MOMENT)) / self._interval_s
+
+    def _seen_pa_s(self, channel: int) -> float:
+        """Return the least such slope that is none of the noise."""
+        sigma = float(self.reading_noise_pa[channel]) / (math.sqrt(float(_MOMENT @ _MOMENT)) * self._interval_s)
+        return max(5e3, 4.0 * sigma)
+
+    def _confidence(self, moved_pa: float, channel: int) -> float:
+        """Return 1 - P(noise alone moves a sum so far), by the normal tail."""
+        sigma = moved_pa / (1.5 * max(self.reading_noise_pa[channel], 1.0))
+        return min(0.999, math.erf(sigma / math.sqrt(2.0)))
+
+    def _kpa(self, channel: int) -> str:
+        return f"{1e-3 * self._readings[-1, channel]:.1f}"
+
+
+class _Slopes:
+    """Least-squares slopes of readings over all stretches in which they count, each stretch with a mean of its own.
+
+    Two spans of :data:`_SPAN_S` that follow each other must agree, so that what passes does not make a slope.
+    """
+
+    _SPAN_S = 2.0
+
+    def __init__(self) -> None:
+        n = CHANNEL_COUNT
+        self._count, self._t, self._y = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._ty, self._tt = np.zeros(n), np.zeros(n)
+        self._counted_s = np.zeros(n)
+        self._span = np.zeros(n)
+        self._before = np.full(n, np.nan)
+        self._last = np.full(n, np.nan)
+        self._last_tt = np.ones(n)
+
+    def add(self, reading: Vector, dt_s: float, counts: Mask) -> None:
+        """Take a reading of the channels that count; for the others a stretch ends."""
+        self._count = np.where(counts, self._count + 1.0, 0.0)
+        begun = self._count == 1.0
+        self._t[begun], self._y[begun] = 0.0, reading[begun]
+        going = self._count > 1.0
+        if not going.any():
+            return
+        time = (self._count - 1.0) * dt_s
+        n = np.maximum(self._count, 1.0)
+        dt_mean, dy = time - self._t, np.where(going, reading - self._y, 0.0)
+        self._t = np.where(going, self._t + dt_mean / n, self._t)
+        self._y = np.where(going, self._y + dy / n, self._y)
+        self._tt += np.where(going, dt_mean * (time - self._t), 0.0)
+        self._ty += np.where(going, dt_mean * (reading - self._y), 0.0)
+        self._counted_s += np.where(going, dt_s, 0.0)
+        ended = self._counted_s >= self._SPAN_S
+        if ended.any():
+            self._before = np.where(ended, self._last, self._before)
+            self._last = np.where(ended, self._ty / np.maximum(self._tt, 1e-12), self._last)
+            self._last_tt = np.where(ended, self._tt, self._last_tt)
+            self._tt[ended] = self._ty[ended] = self._counted_s[ended] = self._count[ended] = 0.0
+
+    def steady(self, allowed_pa_s: float, noise_pa: Vector) -> Mask:
+        """Return which channels had two spans running a slope of one sign beyond what is allowed and noise."""
+        least = allowed_pa_s + 4.0 * noise_pa / np.sqrt(np.maximum(self._last_tt, 1e-12))
+        both = np.minimum(np.abs(self._last), np.abs(self._before))
+        return np.asarray((both > least) & (self._last * self._before > 0.0))
+
+    def rate(self, channel: int) -> float:
+        """Return the slope of the present span, or of the last where that is longer [Pa/s]."""
+        if self._tt[channel] > 0.01 or not math.isfinite(self._last[channel]):
+            return float(self._ty[channel] / max(self._tt[channel], 1e-12))
+        return float(self._last[channel])
+
+    def forget(self, channels: Mask) -> None:
+        """Start anew."""
+        for values in (self._count, self._tt, self._ty, self._counted_s):
+            values[channels] = 0.0
+        self._last[channels] = self._before[channels] = math.nan

@@ -1,0 +1,169 @@
+"""Test pulses for valves that rest: what a closed valve and a steady reading cannot tell.
+
+While a grasp is held its loops rest with their valves closed, and a transducer that stands still in its noise, a valve
+that no longer moves, or a supply that is gone looks just like health. Every ``period_s`` each held chamber therefore
+gets a little air, and gives it back: at the opening that moves a sound chamber by the pulse in ``pulse_time_s``, up, a
+wait, down, a wait. With y0, y1, y2 the mean readings before, between and after,
+
+    d = 2 y1 - y0 - y2
+
+is twice the pulse in a sound channel, whatever leaks steadily, and none where nothing follows. One chamber of each
+finger has its turn at a time: those of a turn that fail together have no supply, and one that fails while a neighbour
+answers has been swapped with it. A failure is looked at once more at once, and named if it comes again. Pulses go up
+first, so that a grip is never weaker for them, and by less than what a loop leaves alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT
+from mbpam_ros.configuration import require_positive
+from mbpam_ros.pneumatics.findings import Fault
+from mbpam_ros.pneumatics.observer import AssumedValve, Observer
+
+Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MEAN_TICKS = 5
+
+
+@dataclass(frozen=True)
+class ProbingConfig:
+    """Test pulses of valves at rest.
+
+    Args:
+        period_s: from a chamber's pulse to its next; 0 for none.
+        pulse_pa: height of a pulse.
+        pulse_time_s: how long the valve is open for it.
+        wait_time_s: from one pulse to the next.
+        least_share: a chamber that answers with less of the pulse fails.
+        noise_ratio: channels noisier than this many times the data sheet are not tested.
+    """
+
+    period_s: float = 2.0
+    pulse_pa: float = 800.0
+    pulse_time_s: float = 0.02
+    wait_time_s: float = 0.1
+    least_share: float = 0.32
+    noise_ratio: float = 2.5
+
+    def __post_init__(self) -> None:
+        require_positive(self, "pulse_pa", "pulse_time_s", "wait_time_s", "least_share", "noise_ratio")
+        if self.period_s < 0.0:
+            raise ValueError(f"period_s must not be negative, found {self.period_s}")
+
+
+class Prober:
+    """Gives the test pulses and tells an observer what came of them."""
+
+    def __init__(self, config: ProbingConfig, valve: AssumedValve, observer: Observer) -> None:
+        self._config, self._valve, self._observer = config, valve, observer
+        self._tested_at_s = np.full(CHANNEL_COUNT, -math.inf)
+        self.abort()
+
+    def abort(self) -> None:
+        """Leave the pulse that is under way."""
+        self._channels = np.zeros(CHANNEL_COUNT, dtype=bool)
+        self._begun_s = -math.inf
+        self._means: list[Vector] = []
+        self._again = False
+
+    @property
+    def tested(self) -> Mask:
+        """Channels under test, whose valves follow :meth:`openings`, shape (16,)."""
+        return self._channels
+
+    def update(self, time_s: float, ready: Mask, quiet: Mask, at_once: bool) -> None:
+        """Begin, go on with or judge a test.
+
+        Args:
+            ready: channels that may be tested: held, at rest, nothing known against them. Shape (16,).
+            quiet: channels at rest whose reading may answer to another's pulse. Shape (16,).
+            at_once: test whatever is ready, due or not.
+        """
+        if self._config.period_s == 0.0:
+            return
+        if self._channels.any():
+            self._go_on(time_s, ready, quiet)
+        if not self._channels.any():
+            self._begin(time_s, ready, at_once)
+
+    def openings(self, time_s: float, pressure_gauge_pa: Vector) -> Vector:
+        """Return the spool openings of the channels under test, shape (16,); 0 between pulses."""
+        config, since_s = self._config, time_s - self._begun_s
+        step = int((since_s + 1e-9) / config.wait_time_s)
+        if since_s - step * config.wait_time_s >= config.pulse_time_s - 1e-9 or step > 1:
+            return np.zeros(CHANNEL_COUNT)
+        drop = self._valve.supply_gauge_pa - pressure_gauge_pa if step == 0 else pressure_gauge_pa
+        rate = self._observer.gain * np.maximum(drop, 1e4) / self._valve.time_constant_s
+        opening = np.minimum(config.pulse_pa / (config.pulse_time_s * rate), 1.0)
+        return np.where(self._channels, opening if step == 0 else -opening, 0.0)
+
+    def _begin(self, time_s: float, ready: Mask, at_once: bool) -> None:
+        due = ready & (time_s - self._tested_at_s >= (0.0 if at_once else self._config.period_s))
+        due &= self._observer.reading_noise_pa < self._config.noise_ratio * self._observer.sound_noise_pa
+        if due.any():
+            self._channels = _one_of_each_finger(due)
+            self._start(time_s)
+
+    def _start(self, time_s: float) -> None:
+        self._begun_s = time_s
+        self._means = [self._observer.mean_reading(MEAN_TICKS)]
+
+    def _go_on(self, time_s: float, ready: Mask, quiet: Mask) -> None:
+        if not (ready | ~self._channels).all():
+            self.abort()
+            return
+        if time_s - self._begun_s < len(self._means) * self._config.wait_time_s - 1e-9:
+            return
+        self._means.append(self._observer.mean_reading(MEAN_TICKS))
+        if len(self._means) < 3:
+            return
+        before, between, after = self._means
+        share = (2.0 * between - before - after) / (2.0 * self._config.pulse_pa)
+        failed = self._channels & (share < self._config.least_share)
+        self._tested_at_s[self._channels] = time_s
+        if failed.any() and not self._again:
+            self._again = True
+            # With others beside it: if they fail too it is the supply.
+            elsewhere = ~_fingers_of(failed)
+            self._channels = failed | _one_of_each_finger(ready & elsewhere)
+            self._start(time_s)
+            return
+        if failed.any():
+            self._name(failed, share, quiet & ~self._channels)
+        self.abort()
+
+    def _name(self, failed: Mask, share: Vector, quiet: Mask) -> None:
+        pulse = f"{100.0 * float(share[failed].mean()):.0f} % of a test pulse of {self._config.pulse_pa:.0f} Pa"
+        if failed.sum() > 1 and failed.sum() == self._channels.sum():
+            self._observer.find(Fault.SUPPLY_LOW, (), f"all {failed.sum()} channels showed {pulse}", 0.99)
+            return
+        answers = quiet & (share > 0.5)
+        for channel in np.flatnonzero(failed):
+            here = int(channel)
+            near = np.arange(CHANNEL_COUNT) // CHAMBERS_PER_FINGER == here // CHAMBERS_PER_FINGER
+            others = np.flatnonzero(answers & near)
+            if others.size == 1:
+                pair = (min(here, int(others[0])), max(here, int(others[0])))
+                self._observer.find(Fault.SWAPPED, pair, "with each other: one answers to the other's test pulse", 0.99)
+            else:
+                self._observer.find(Fault.NOT_FOLLOWING, (here,), f"showed {pulse}, twice", 0.99)
+
+
+def _fingers_of(channels: Mask) -> Mask:
+    """Return all channels of the fingers these belong to, shape (16,)."""
+    return np.repeat(channels.reshape(-1, CHAMBERS_PER_FINGER).any(axis=1), CHAMBERS_PER_FINGER)
+
+
+def _one_of_each_finger(due: Mask) -> Mask:
+    """Return the first channel of each finger that is due, shape (16,)."""
+    fingers = due.reshape(-1, CHAMBERS_PER_FINGER)
+    first = np.zeros_like(fingers)
+    first[np.arange(fingers.shape[0]), fingers.argmax(axis=1)] = True
+    return np.asarray((first & fingers).ravel())

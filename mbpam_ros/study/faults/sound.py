@@ -1,0 +1,106 @@
+"""A sound machine in use for long: whatever is found of it is a false alarm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbpam_ros.actuator.chambers import CHANNEL_COUNT
+from mbpam_ros.grasp.arbitration import Phase
+from mbpam_ros.grasp.modes import MODE_NAMES
+from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.pneumatics.machine_faults import MachineFault
+from mbpam_ros.pneumatics.registry import pneumatic_model_names
+from mbpam_ros.simulation import TICK_S, Simulation
+from mbpam_ros.study.faults.draws import SCENES, SEED
+
+SPAN_S = 120.0
+"""Simulated time of one job."""
+
+LEAK_TIME_CONSTANT_S = 100e3 / 150.0
+"""Of every chamber: 150 Pa/s at 100 kPa, a leak within the data sheet."""
+
+S_PER_SPAN = 12.0
+
+
+def sound_jobs(hours: float, tiers: tuple[str, ...]) -> dict[str, tuple[str, str, int]]:
+    """Return what :func:`sound_row` is given for each span, by name; together they make so many hours."""
+    spans = max(1, round(3600.0 * hours / SPAN_S))
+    return {
+        name: (name, tiers[number % len(tiers)], number)
+        for number in range(spans)
+        for name in (f"sound, {tiers[number % len(tiers)]}, {number}",)
+    }
+
+
+def sound_row(name: str, tier: str, number: int, span_s: float = SPAN_S) -> dict:
+    """Grasp, lift, hold, lower and release at random for a while; return what was found though nothing was wrong."""
+    random = np.random.default_rng([SEED, number])
+    scene_name, model = str(random.choice(SCENES)), str(random.choice(pneumatic_model_names()))
+    scene, request = load_scene(scene_name)
+    simulation = Simulation(scene, replace(request.in_tier(tier), pneumatics=model), seed=number)
+    for channel in range(CHANNEL_COUNT):
+        simulation.inject(MachineFault("leak", channel, LEAK_TIME_CONSTANT_S))
+    found: list[str] = []
+    grasps = faults = 0
+    while simulation.seen.time_s < span_s:
+        _idle(simulation, random, found)
+        asked = None if random.random() < 0.5 else str(random.choice(MODE_NAMES))
+        grasps += simulation.grasp(asked).accepted
+        _use(simulation, random, found)
+        faults += simulation.decision.phase is Phase.FAULT
+        simulation.release()
+        _run(simulation, 1.0, found)
+        simulation.reset()
+    return {
+        "job": name,
+        "tier": tier,
+        "scene": scene_name,
+        "pneumatics": model,
+        "seconds": simulation.seen.time_s,
+        "grasps": grasps,
+        "faults": faults,
+        "found": found,
+    }
+
+
+def _idle(simulation: Simulation, random: np.random.Generator, found: list[str]) -> None:
+    _run(simulation, random.uniform(0.2, 3.0), found)
+
+
+def _use(simulation: Simulation, random: np.random.Generator, found: list[str]) -> None:
+    """Close, and stop half-way or lift, hold and lower."""
+    if random.random() < 0.2:
+        _run(simulation, random.uniform(0.05, 0.5), found)
+        return
+    _run(simulation, 1.2, found)
+    simulation.lift()
+    _run(simulation, random.uniform(1.0, 20.0), found)
+    simulation.lower()
+    _run(simulation, random.uniform(0.2, 2.0), found)
+
+
+def _run(simulation: Simulation, duration_s: float, found: list[str]) -> None:
+    for _ in range(round(duration_s / TICK_S)):
+        simulation.tick()
+        for finding in simulation.findings:
+            if not found or found[-1].split(": ", 1)[1] != finding.text:
+                found.append(f"{simulation.seen.time_s:.2f} s: {finding.text}")
+
+
+def sound_text(rows: list[dict]) -> str:
+    """Return what came of it in a line, and what was found below it."""
+    hours = sum(row["seconds"] for row in rows) / 3600.0
+    grasps, found = (
+        sum(row["grasps"] for row in rows),
+        [f"{row['job']}: {each}" for row in rows for each in row["found"]],
+    )
+    faults = sum(row["faults"] for row in rows)
+    head = f"{hours:.2f} h of a sound machine, {grasps} grasps: {len(found)} false findings, {faults} faults"
+    return "\n".join([head, *found])
+
+
+def span_text(row: dict) -> str:
+    """Return the line of a finished span."""
+    return f"{row['job']}: {row['scene']}, {row['pneumatics']}, {row['grasps']} grasps, {len(row['found'])} findings"

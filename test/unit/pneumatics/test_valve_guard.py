@@ -1,0 +1,228 @@
+"""Loops that see what is wrong with the machine: each fault is named, in time, and a sound machine is left in peace."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
+from mbpam_ros.pneumatics.air_switch import Air
+from mbpam_ros.pneumatics.config import load_pneumatics
+from mbpam_ros.pneumatics.findings import SUPPLY, Fault, Finding, FindingError
+from mbpam_ros.pneumatics.machine_faults import MachineFault, MachineFaults
+from mbpam_ros.pneumatics.registry import build_pneumatics, pneumatic_model_names
+from mbpam_ros.pneumatics.sensing import PressureSensing
+from mbpam_ros.pneumatics.transducer import Transducer
+from mbpam_ros.pneumatics.valve_guard import GuardedValves
+
+CONFIG = load_pneumatics()
+TICK_S = 0.01
+GRIP = np.where(np.arange(CHANNEL_COUNT) % 4 == 0, 100e3, 0.0)
+CHANNEL, EMPTY = 4, 5
+DATA_SHEET_LEAK_1_S = 0.15e3 / 100e3
+
+
+class Rig:
+    """Guarded valves on a machine without muscles."""
+
+    def __init__(self, config=CONFIG, seed=0, leak_1_s=0.0):
+        self.chambers = build_pneumatics(config.model, config.chamber)
+        self.transducer = Transducer(config.transducer, CHANNEL_COUNT, seed)
+        self.sensing = PressureSensing(config.sensing, config.transducer)
+        self.faults = MachineFaults(config.transducer, config.chamber.supply_gauge_pa, seed)
+        self.valves = GuardedValves(CONFIG, 110e3, 120e3, switched_on=True)
+        self.leak_1_s = np.full(CHANNEL_COUNT, leak_1_s)
+        self.volts = self.transducer.measure(self.pressure_pa)
+        self.ticks, self.highest_pa = 0, 0.0
+        self.command = self.valves.parting
+
+    @property
+    def pressure_pa(self):
+        return self.chambers.pressure_gauge_pa
+
+    @property
+    def found(self):
+        return {(finding.fault, finding.channels) for finding in self.valves.findings}
+
+    def aim(self, setpoint_pa):
+        self.valves.switch.request(setpoint_pa)
+
+    def run(self, duration_s, until=lambda: False):
+        """Run for a while, or until something is so, and return how long that took."""
+        begun = self.ticks
+        for _ in range(round(duration_s / TICK_S)):
+            reading = self.sensing.update(self.ticks * TICK_S, self.volts).pressure_gauge_pa
+            self.command = self.valves.update(self.ticks * TICK_S, reading)
+            self.faults.feed(self.chambers, self.command.supply_open)
+            self.chambers.step(self.faults.command(self.command.spool, TICK_S), TICK_S)
+            self.faults.seep(self.chambers, TICK_S)
+            if self.leak_1_s.any():
+                self.chambers.seep(self.leak_1_s, np.zeros(CHANNEL_COUNT), TICK_S)
+            self.volts = self.faults.measure(self.transducer, self.pressure_pa, TICK_S)
+            self.ticks += 1
+            self.highest_pa = max(self.highest_pa, self.pressure_pa.max())
+            if until():
+                break
+        return (self.ticks - begun) * TICK_S
+
+    def inject(self, kind, size=0.0, channel=CHANNEL, other=None):
+        fault = MachineFault(kind, channel, size, other)
+        self.faults.inject(fault, self.chambers.spool, self.pressure_pa, self.volts)
+
+
+def holding(seed=0):
+    rig = Rig(seed=seed)
+    rig.run(0.2)
+    rig.aim(GRIP)
+    rig.run(2.5)
+    assert not rig.found
+    return rig
+
+
+def closing(seed=0, for_s=0.1):
+    rig = Rig(seed=seed)
+    rig.run(0.2)
+    rig.aim(GRIP)
+    rig.run(for_s)
+    return rig
+
+
+ONE = (CHANNEL_NAMES[CHANNEL],)
+BOTH = (CHANNEL_NAMES[CHANNEL], CHANNEL_NAMES[EMPTY])
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "fault", "channels", "within_s"),
+    [
+        ("stuck_noisy", 0.0, Fault.NOT_FOLLOWING, ONE, 0.3),
+        ("reads_zero", 0.0, Fault.JUMPED, ONE, 0.05),
+        ("swapped", 0.0, Fault.SWAPPED, BOTH, 0.1),
+        ("valve_closed", 0.0, Fault.NOT_FOLLOWING, ONE, 0.3),
+        ("valve_stuck", 0.0, Fault.RISES, ONE, 0.5),
+        ("leak", 1.0, Fault.LEAK, ONE, 1.0),
+        ("supply", 0.2, Fault.SUPPLY_LOW, (SUPPLY,), 0.3),
+    ],
+)
+def test_while_a_grasp_closes(kind, size, fault, channels, within_s):
+    rig = closing()
+    rig.inject(kind, size, other=EMPTY if kind == "swapped" else None)
+    rig.run(within_s, until=lambda: rig.found)
+    assert rig.found == {(fault, channels)}
+    rig.run(1.0)
+    assert rig.highest_pa < 112.2e3
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "fault", "channels", "within_s"),
+    [
+        ("stuck_noisy", 0.0, Fault.NOT_FOLLOWING, ONE, 3.0),
+        ("valve_closed", 0.0, Fault.NOT_FOLLOWING, ONE, 3.0),
+        ("valve_slow", 0.2, Fault.NOT_FOLLOWING, ONE, 3.0),
+        ("reads_zero", 0.0, Fault.JUMPED, ONE, 0.05),
+        ("reads_offset", -12e3, Fault.JUMPED, ONE, 0.2),
+        ("swapped", 0.0, Fault.SWAPPED, BOTH, 0.05),
+        ("valve_open", 1.0, Fault.RISES, ONE, 0.2),
+        ("valve_open", 0.1, Fault.RISES, ONE, 0.4),
+        ("leaks_in", 4.0, Fault.RISES, ONE, 3.0),
+        ("leak", 2.0, Fault.LEAK, ONE, 0.5),
+        ("drift", 1e3, Fault.LEAK_OR_DRIFT, ONE, 4.0),
+        ("drift", -0.4e3, Fault.LEAK_OR_DRIFT, ONE, 8.0),
+        ("noise", 8.0, Fault.NOISY, ONE, 1.0),
+        ("supply", 0.0, Fault.SUPPLY_LOW, (SUPPLY,), 3.0),
+    ],
+)
+def test_while_a_grasp_is_held(kind, size, fault, channels, within_s):
+    rig = holding()
+    rig.inject(kind, size, other=EMPTY if kind == "swapped" else None)
+    rig.run(within_s, until=lambda: rig.found)
+    assert rig.found == {(fault, channels)}
+    rig.run(2.0)
+    assert rig.highest_pa < (125e3 if kind == "valve_open" else 112.2e3)
+    assert rig.pressure_pa.max() < 110e3
+
+
+def test_two_inflated_neighbours_that_were_swapped_are_told_by_their_test_pulses():
+    rig = Rig()
+    rig.aim(np.where(np.arange(CHANNEL_COUNT) % 4 < 2, 100e3, 0.0))
+    rig.run(2.5)
+    rig.inject("swapped", other=EMPTY)
+    rig.run(3.0, until=lambda: rig.found)
+    assert rig.found == {(Fault.SWAPPED, BOTH)}
+
+
+def test_a_leak_is_made_up_for_beyond_what_the_integral_may_learn():
+    rig = holding()
+    rig.inject("leak", 1.0)
+    rig.run(3.0)
+    assert rig.pressure_pa[CHANNEL] == pytest.approx(100e3, abs=2e3)
+    (finding,) = rig.valves.findings
+    assert "time constant 1." in finding.evidence or "time constant 0.9" in finding.evidence
+
+
+def test_what_no_one_can_vouch_for_is_not_followed_far():
+    rig = holding()
+    rig.inject("drift", -2e3)
+    rig.run(12.0)
+    assert rig.found == {(Fault.DRIFT, ONE)}
+    assert rig.highest_pa < 110e3 and rig.pressure_pa[CHANNEL] > 100e3
+
+
+@pytest.mark.parametrize(
+    ("kind", "size"),
+    [("stuck_noisy", 0.0), ("valve_closed", 0.0), ("valve_open", 1.0), ("leak", 1.0), ("noise", 10.0), ("supply", 0.0)],
+)
+def test_mended_and_vented_everything_is_sound_again_and_the_next_grasp_closes(kind, size):
+    rig = closing()
+    rig.inject(kind, size)
+    rig.run(2.0)
+    assert rig.found
+    rig.faults.repair()
+    rig.valves.switch.obey(Air.VENT)
+    rig.run(4.0)
+    assert not rig.found and not rig.command.supply_open
+    rig.aim(np.zeros(CHANNEL_COUNT))
+    rig.valves.switch.clear()
+    rig.valves.switch.obey(Air.REGULATE)
+    rig.run(0.2)
+    rig.aim(GRIP)
+    rig.run(2.0)
+    assert not rig.found
+    assert rig.pressure_pa[GRIP > 0.0] == pytest.approx(100e3, rel=0.02)
+
+
+def sound_machine(model, slowness, supply_share):
+    chamber = dataclasses.replace(
+        CONFIG.chamber,
+        lag_time_constant_s=slowness * CONFIG.chamber.lag_time_constant_s,
+        supply_gauge_pa=supply_share * CONFIG.chamber.supply_gauge_pa,
+    )
+    return dataclasses.replace(CONFIG, model=model, chamber=chamber)
+
+
+@pytest.mark.parametrize(
+    ("model", "slowness", "supply_share"),
+    [*((name, 1.0, 1.0) for name in pneumatic_model_names()), ("lag", 0.6, 1.0), ("lag", 1.7, 1.0), ("lag", 1.0, 0.85)],
+)
+def test_nothing_is_found_of_a_sound_machine_however_it_is_used(model, slowness, supply_share):
+    rig = Rig(sound_machine(model, slowness, supply_share), seed=3, leak_1_s=DATA_SHEET_LEAK_1_S)
+    random = np.random.default_rng(5)
+    for _ in range(8):
+        rig.aim(np.where(random.random(CHANNEL_COUNT) < 0.4, random.uniform(10e3, 110e3, CHANNEL_COUNT), 0.0))
+        rig.run(TICK_S * random.integers(5, 600), until=lambda: rig.found)
+        assert not rig.found, [finding.text for finding in rig.valves.findings]
+
+
+def test_a_reading_that_comes_late_is_no_fault_of_the_machine():
+    rig = holding()
+    for gap in (3, 15, 60):
+        rig.ticks += gap
+        rig.run(0.5)
+    assert not rig.found
+
+
+def test_a_finding_is_read_back_from_its_line():
+    finding = Finding(Fault.LEAK, (CHANNEL_NAMES[3],), "falls 12.0 kPa/s (measured): at 98 kPa", 0.99)
+    assert Finding.parse(CHANNEL_NAMES[3], str(finding)) == finding
+    for channel, line in ((CHANNEL_NAMES[3], "all is well"), ("finger_9", str(finding)), (SUPPLY, "rust (10 %): x")):
+        with pytest.raises(FindingError):
+            Finding.parse(channel, line)
