@@ -8,6 +8,7 @@ directive              shows
 ``node NAME``          what a node does, and its parameters, topics and services
 ``topics``             all topics
 ``services``           all services
+``transitions``        what each request does in each state of a grasp
 ``verbs``              all verbs of ``mbpam`` with what ``--help`` prints
 ====================== ============================================================================
 """
@@ -136,6 +137,29 @@ class Services(SphinxDirective):
             (f"``{each.name}``", f"``{each.service_type}``", each.node, each.meaning) for each in interface.SERVICES
         ]
         return [_table(("service", "type", "node", "meaning"), rows)]
+
+
+class Transitions(SphinxDirective):
+    """What each request does in each state of a grasp, and two that arrive together."""
+
+    def run(self) -> list[nodes.Node]:
+        """Ask the arbiter."""
+        from mbpam_ros.grasp import transitions
+
+        self.env.note_dependency(transitions.__file__)
+        alone = [(row.state, f"``{row.request}``", _outcome(row), row.answer) for row in transitions.transitions()]
+        pairs = [
+            tuple(f"``{each}``" for each in row.request.split(", then ")) + (_outcome(row), row.answer)
+            for row in transitions.together()
+        ]
+        shown = _titled("One request", ("state", "request", "done, then", "answer"), alone)
+        return shown + _titled(
+            "Two at once, at an idle gripper", ("first", "second", "done, then", "answer to the second"), pairs
+        )
+
+
+def _outcome(row: object) -> str:
+    return f"{'yes' if row.accepted else 'refused'}, {row.then}"
 
 
 class Verbs(SphinxDirective):
@@ -276,6 +300,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("node", GripperNode)
     app.add_directive("topics", Topics)
     app.add_directive("services", Services)
+    app.add_directive("transitions", Transitions)
     app.add_directive("verbs", Verbs)
     app.connect("autodoc-process-docstring", show_formulas_as_they_stand, priority=100)  # before Napoleon
     app.connect("autodoc-process-signature", shorten_types)

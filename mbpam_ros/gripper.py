@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.actuator.design import MetamodelName, MuscleDesign, MuscleGeometry
 from mbpam_ros.actuator.named_designs import load_design
+from mbpam_ros.actuator.yielding_ends import uniform_geometry
 from mbpam_ros.configuration import ConfigError, load_yaml, parse_config, require_positive
 
 
@@ -54,6 +55,11 @@ class Gripper:
                 f"finger_circle_radius_m = {self.finger_circle_radius_m:g} puts neighbouring fingers "
                 f"{closest:g} m apart, less than their diameter"
             )
+
+    @property
+    def rod_geometry(self) -> MuscleGeometry:
+        """Geometry of the uniform rod that stands for a muscle; the one that the calibrated law belongs to."""
+        return uniform_geometry(self.geometry)
 
     @property
     def finger_base_m(self) -> NDArray[np.float64]:

@@ -17,7 +17,8 @@ from typing import TypeVar
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.errors import MbpamError
-from mbpam_ros.grasp.arbitration import Arbiter, Decision, GraspConfig, Phase, load_grasp_config
+from mbpam_ros.grasp.arbitration import Arbiter, Decision, GraspConfig, Phase, build_selector, load_grasp_config
+from mbpam_ros.grasp.grip_pressure import NOTHING_EXPECTED, Expected
 from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
 from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
 from mbpam_ros.gripper import Gripper, load_gripper
@@ -72,6 +73,7 @@ class Simulation:
         gripper: the muscles and where they stand; by default those of ``gripper.yaml``.
         grip_pressure_gauge_pa: of every mode; none for those of ``grasp.yaml``.
         seed: of the transducers' noise. The same seed and calls give the same bits.
+        expected: what is known of the object besides what is seen; with its mass the grip is as hard as that asks for.
 
     Attributes:
         seen: what there is after the last tick.
@@ -90,6 +92,7 @@ class Simulation:
         gripper: Gripper | None = None,
         grip_pressure_gauge_pa: float | None = None,
         seed: int = 0,
+        expected: Expected = NOTHING_EXPECTED,
     ) -> None:
         scene, request = load_scene(scene) if isinstance(scene, str) else (scene, FidelityRequest())
         gripper = load_gripper() if gripper is None else gripper
@@ -97,6 +100,7 @@ class Simulation:
         pneumatics = load_pneumatics()
         limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
         self._arbiter = _arbiter(gripper, load_grasp_config(), grip_pressure_gauge_pa)
+        self._arbiter.expect(expected)
         self._plant = build_plant(scene, fidelity or request, gripper, pneumatics, seed=seed)
         self._sensing = PressureSensing(pneumatics.sensing, pneumatics.transducer)
         self._controller = PressureController(pneumatics.controller, *limits)
@@ -114,7 +118,7 @@ class Simulation:
         pressure_gauge_pa = self._sensing.update(now_s, self.seen.transducer_v).pressure_gauge_pa
         self._arbiter.observe_pressures(now_s, pressure_gauge_pa)
         self.decision = self._arbiter.tick(now_s)
-        self._switch.obey(self.decision.air)
+        self._switch.obey(self.decision.air, self.decision.phase is Phase.CLOSING)
         self._switch.request(self.decision.setpoint_gauge_pa)
         self._plant.step(self._controller.update(now_s, pressure_gauge_pa), TICK_S)
         self.seen = self._plant.observe()
@@ -217,7 +221,10 @@ class Simulation:
 
     def reset(self) -> Answer:
         """Clear a latched fault."""
-        return self._asked(self._arbiter.reset)
+        answer = self._asked(self._arbiter.reset)
+        if answer.accepted:
+            self._switch.clear()
+        return answer
 
     def lift(self) -> Answer:
         """Start raising the hand."""
@@ -233,18 +240,16 @@ class Simulation:
         return answer
 
     def _in_view(self) -> list[DetectedObject]:
-        pose, seen = self.seen.object_in_gripper, self.scene.object
-        if pose is None or seen is None:
-            return []
         return [
             DetectedObject(
-                label=seen.label,
-                shape=seen.shape,
-                size_m=seen.size_m,
-                position_m=tuple(pose.position_m),
-                orientation_xyzw=tuple(pose.orientation_xyzw),
+                label=placed.object.label,
+                shape=placed.object.shape,
+                size_m=placed.object.size_m,
+                position_m=tuple(there.in_gripper.position_m),
+                orientation_xyzw=tuple(there.in_gripper.orientation_xyzw),
                 confidence=1.0,
             )
+            for placed, there in zip(self.scene.placed, self.seen.objects, strict=True)
         ]
 
 
@@ -283,7 +288,9 @@ def _arbiter(gripper: Gripper, grasp: GraspConfig, grip_pressure_gauge_pa: float
             arbitration.grip_pressure_gauge_pa, **dict.fromkeys(MODE_NAMES, grip_pressure_gauge_pa)
         )
         arbitration = dataclasses.replace(arbitration, grip_pressure_gauge_pa=grip)
-    selector = ModeSelector(grasp.selection, gripper, modes)
+        selector = ModeSelector(grasp.selection, gripper, modes)
+    else:
+        selector = build_selector(grasp, gripper, modes)
     try:
         return Arbiter(arbitration, modes, selector, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa)
     except ValueError as error:

@@ -1,7 +1,8 @@
 """Scale the finite element rod law so that the rod returns a design's greatest bend and blocked force.
 
-Per pattern (PDC, PSC) two factors, on M0 and on B, such that the planar rod in the posture of the paper's tests (base
-down, tip up, weight on) has at 100 kPa the tip angle theta_max when it is free
+The rod is the uniform one that stands for the muscle with its ends (:mod:`~mbpam_ros.actuator.yielding_ends`). Per
+pattern (PDC, PSC) two factors, on M0 and on B, such that it has, planar and in the posture of the paper's tests (base
+down, tip up, weight on), at 100 kPa the tip angle theta_max when it is free
 (:mod:`~mbpam_ros.actuator.planar_rod`) and pushes with F_max when a plate blocks its tip, with friction and large
 deflection (:mod:`~mbpam_ros.actuator.blocked_rod`). The shapes over pressure and the stretch of the axis stay those of
 the finite element unit cell; EA goes with B, and an axial force stretches and bends the rod as it does the full one
@@ -21,13 +22,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import newton
 
-from mbpam_ros.actuator.bending_law import PATTERNS, stored_cell_laws
+from mbpam_ros.actuator.bending_law import PATTERNS
 from mbpam_ros.actuator.blocked_rod import RodLoad, blocked_path
 from mbpam_ros.actuator.design import INITIAL_DESIGN, MuscleDesign, MuscleGeometry
 from mbpam_ros.actuator.metamodel import load_metamodel
 from mbpam_ros.actuator.planar_rod import AxisStretch, RodSolutionError, stiffness_for_tip_angle
-from mbpam_ros.actuator.rod_law import NOMINAL_PRESSURE_GAUGE_PA, PatternFactors, RodLaw, finite_element_rod_law
+from mbpam_ros.actuator.rod_law import NOMINAL_PRESSURE_GAUGE_PA, PatternFactors, RodLaw
 from mbpam_ros.actuator.tip_force import TipForce
+from mbpam_ros.actuator.yielding_ends import finite_element_uniform_law, uniform_geometry
 
 # Paper, section 3.1: measured on the initial design.
 _MEASURED_PDC_DEG, _MEASURED_PDC_N = 151.0, 0.643
@@ -77,7 +79,10 @@ def calibration_targets(design: MuscleDesign, metamodel: str = "prs", target: st
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a design's muscle runs on: its rod law, and the force its blocked tip has."""
+    """What a design's muscle runs on: the law of the uniform rod that stands for it, and the force its blocked tip has.
+
+    The rod's geometry is :func:`~mbpam_ros.actuator.yielding_ends.uniform_geometry` of the muscle's.
+    """
 
     law: RodLaw
     tip_force: TipForce
@@ -91,7 +96,7 @@ def calibrate(
 
     Args:
         design: of the muscle.
-        geometry: of the muscle.
+        geometry: of the muscle, not of the rod.
         metamodel: a key of :data:`~mbpam_ros.actuator.metamodel.METAMODELS`.
         target: ``fe`` for the paper's finite element values, ``test`` for its measured ones.
 
@@ -102,12 +107,14 @@ def calibrate(
     targets = calibration_targets(design, metamodel, target)
     pdc = _factors("pdc", targets["pdc"], geometry)
     psc = _factors("psc", targets["psc"], geometry, pdc.stiffness)
-    law = finite_element_rod_law().scaled(psc=psc, pdc=pdc)
+    law = finite_element_uniform_law(geometry).scaled(psc=psc, pdc=pdc)
     forces = {}
     for pattern in PATTERNS:
         loads = pattern_loads(law, pattern, _PRESSURES_PA)
         forces[f"{pattern}_moment_n_m"] = np.array([load.moment_n_m for load in loads])
-        forces[f"{pattern}_force_n"] = np.array([contact.push_n for contact in blocked_path(loads, geometry)])
+        forces[f"{pattern}_force_n"] = np.array(
+            [contact.push_n for contact in blocked_path(loads, uniform_geometry(geometry))]
+        )
     return Calibration(law, TipForce(**forces))
 
 
@@ -119,25 +126,18 @@ def calibrated_rod_law(
 
 
 def pattern_loads(law: RodLaw, pattern: str, pressure_gauge_pa: ArrayLike) -> list[RodLoad]:
-    """Return the rod of ``psc`` or ``pdc`` at each pressure, its axis stretching as in the unit cell.
-
-    An axial force stretches it by 1 / EA where the law knows EA.
+    """Return the rod of ``psc`` or ``pdc`` at each pressure, its axis stretching where the law says how.
 
     Raises:
         ValueError: another pattern.
-        ConfigError: the stored law is missing or unreadable.
     """
     moment, stiffness = law.of_pattern(pattern, pressure_gauge_pa)
     pressure = np.asarray(pressure_gauge_pa, dtype=float)
-    cell = stored_cell_laws()[pattern]
-    straight, slope = (
-        np.interp(pressure, cell.pressure_gauge_pa, table) for table in (cell.straight_stretch, cell.stretch_slope_m)
-    )
     strains = {"pdc": law.pdc_strains, "psc": law.psc_strains}[pattern]
-    compliance = np.zeros_like(moment)
-    if strains is not None:
-        compliance = 1.0 / np.interp(pressure, law.pressure_gauge_pa, strains.axial_stiffness_n)
-    rows = np.stack([moment, stiffness, straight, slope, compliance], axis=-1).tolist()
+    if strains is None:
+        return [RodLoad(*row) for row in np.stack([moment, stiffness], axis=-1).tolist()]
+    free, slope, axial = (np.interp(pressure, law.pressure_gauge_pa, table) for table in strains[:3])
+    rows = np.stack([moment, stiffness, 1.0 + free, slope, 1.0 / axial], axis=-1).tolist()
     return [RodLoad(row[0], row[1], AxisStretch(*row[2:])) for row in rows]
 
 
@@ -151,7 +151,7 @@ def _factors(
     pattern: str, target: PatternTarget, geometry: MuscleGeometry, pdc_stiffness: float | None = None
 ) -> PatternFactors:
     """Return the factors of ``pattern`` with which the rod returns ``target``; PSC's need PDC's on the stiffness."""
-    law = finite_element_rod_law()
+    law, rod = finite_element_uniform_law(geometry), uniform_geometry(geometry)
     unscaled = pattern_loads(law, pattern, _PRESSURES_PA)
     nominal = unscaled[-1]
 
@@ -160,7 +160,7 @@ def _factors(
         stiffness = nominal.stiffness_n_m2
         for _ in range(2):  # EA goes with B, and moves the angle by a hundred-thousandth
             stretch = _stiffened(nominal, stiffness)
-            stiffness = stiffness_for_tip_angle(target.theta_max_rad, moment, geometry, stretch=stretch)
+            stiffness = stiffness_for_tip_angle(target.theta_max_rad, moment, rod, stretch=stretch)
         return PatternFactors(moment_factor, stiffness / nominal.stiffness_n_m2)
 
     def excess(log_factor: float) -> float:
@@ -171,7 +171,7 @@ def _factors(
             RodLoad(factors.moment * load.moment_n_m, value, _stiffened(load, value))
             for load, value in zip(unscaled, stiffness, strict=True)
         ]
-        return math.log(blocked_path(loads, geometry)[-1].push_n / target.f_max_n)
+        return math.log(blocked_path(loads, rod)[-1].push_n / target.f_max_n)
 
     try:
         start = excess(0.0)

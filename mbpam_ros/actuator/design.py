@@ -128,8 +128,8 @@ class MuscleGeometry:
 
     Args:
         outer_radius_m: crest radius of the muscle.
-        end_length_m: unwaved, rigid piece at each end.
-        active_length_m: waved length between the ends that bends.
+        end_length_m: unwaved piece at each end; in a rod's geometry straight and rigid.
+        active_length_m: waved length between the ends that bends; in a rod's geometry what stands for it.
         mass_per_length_kg_m: mean mass per length of active part and ends.
     """
 

@@ -99,6 +99,19 @@ class EndLaw:
         """
         return self._at_rest[1] + self._blended(pressure_gauge_pa)[6]
 
+    def of_pattern(self, pattern: str, pressure_gauge_pa: ArrayLike) -> PatternEnds:
+        """Return the joint of ``psc`` or ``pdc`` at pressures of any shape; they are alike without pressure.
+
+        Raises:
+            ValueError: another pattern.
+        """
+        if pattern not in _PATTERNS:
+            raise ValueError(f"unknown pattern {pattern!r}; known: {', '.join(_PATTERNS)}")
+        of = self.psc if pattern == "psc" else self.pdc
+        pressure = np.asarray(pressure_gauge_pa, dtype=float)
+        tables = (*of[:3], *(rest + table - table[0] for rest, table in zip(self._at_rest, of[3:], strict=True)))
+        return PatternEnds(*(np.interp(pressure, self.pressure_gauge_pa, table) for table in tables))
+
     def _blended(self, pressure_gauge_pa: ArrayLike) -> list[float]:
         """All that is 0 without pressure, and the compliances' change."""
         pressure = np.asarray(pressure_gauge_pa, dtype=float)

@@ -22,9 +22,12 @@ VERBS = (
     Verb(
         "grasps", "the least pressure that holds each of the paper's objects, and what holds it", "grasps", resumes=True
     ),
+    Verb("grip-table", "the least pressure that holds, by size, mass and friction", "grip_table", resumes=True),
+    Verb("judge-grips", "pressure by object beside pressure by mode, on random grasps", "judge_grips", resumes=True),
     Verb("peers", "CPU time at equal accuracy beside MuJoCo and PyElastica", "peers"),
     Verb("rod", "one muscle as a rod under loads in any posture, alone or beside finite elements", "rod"),
     Verb("fe", "the finite element muscle: beside the paper's, and the laws made from it", "fe"),
+    Verb("silicone", "constants of a silicone from its tensile test", "silicone"),
     Verb("metamodels", "metamodels of the muscle beside each other and the paper's", "metamodels", resumes=True),
     Verb("sample", "where to run finite elements so that few samples tell most", "sample", resumes=True),
     Verb("optimise", "the designs that bend furthest and press hardest, and a compromise", "optimise", resumes=True),
@@ -32,6 +35,7 @@ VERBS = (
     Verb("judge-detector", "how well objects are detected, on images drawn by MuJoCo and our own", "judge_detector"),
     Verb("compile", "compile all kernels ahead, so that no node does it when it starts", "compile"),
     Verb("bench", "CPU and latency of the running nodes, beside their budgets", "bench"),
+    Verb("soak", "the gripper under random use, faults and repairs for a long time: what leaks, what is late", "soak"),
     Verb("first-grasps", "how long the valves are left alone in the first grasp after a start", "first_grasps"),
 )
 

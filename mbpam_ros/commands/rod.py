@@ -3,13 +3,13 @@
     mbpam rod --pattern pdc --pressure-kpa 100 --tip-force 0,0.05,0 --gravity 0,0,9.81 --json FILE
     mbpam rod --states fe_muscle_states.json --json FILE     beside finite elements, state by state
     mbpam rod --strains bend                                 a rod that cannot stretch or twist
-    mbpam rod --ends rigid --bending line                    the plant's rod
+    mbpam rod --ends uniform --bending line                  the plant's rod
 
 Frame: origin at the clamp, z toward the tip of the straight muscle, the cross's arms along x and y. The same arguments
-and keys as "mbpam fe muscle". The law is by default that of finite elements in the configuration (config). --law
-calibrated takes the one that plant and estimator run on, scaled to the angle and force that the gripper file asks for,
---law FILE another of "mbpam fe law". Ends of silicone also turn, lengthen and shift the axis where the waves begin, as
-"mbpam fe ends" found; the calibrated law has that in its angle, and its ends are silicone alone.
+and keys as "mbpam fe muscle". The law is by default that of finite elements in the configuration (config), --law FILE
+another of "mbpam fe law". Ends of silicone also turn, lengthen and shift the axis where the waves begin, as "mbpam fe
+ends" found; --ends uniform puts what they do into the law and length of one uniform rod. --law calibrated takes that
+rod as plant and estimator run on it, scaled to the angle and force that the gripper file asks for.
 """
 
 from __future__ import annotations
@@ -22,12 +22,15 @@ from typing import Any
 
 from mbpam_ros.actuator.bending_law import stored_shear_modulus_pa
 from mbpam_ros.actuator.calibration import calibrated_rod_law
-from mbpam_ros.actuator.elastic_rod import BENDINGS, RIGID, solid_end
+from mbpam_ros.actuator.design import MuscleGeometry
+from mbpam_ros.actuator.elastic_rod import BENDINGS, solid_end
 from mbpam_ros.actuator.end_law import finite_element_end_law
 from mbpam_ros.actuator.gas_volume import LAW_FILE
-from mbpam_ros.actuator.rod_law import RodLaw, finite_element_rod_law
+from mbpam_ros.actuator.rod_law import finite_element_rod_law
 from mbpam_ros.actuator.strains import STRAINS, check_strains
+from mbpam_ros.actuator.yielding_ends import finite_element_uniform_law, uniform_geometry
 from mbpam_ros.commands.muscle_state import add_muscle_state, muscle_state
+from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.study.muscle_states import (
     RodModel,
@@ -40,7 +43,7 @@ from mbpam_ros.study.muscle_states import (
 )
 from mbpam_ros.study.result_file import write_json
 
-ENDS = ("rigid", "silicone")
+ENDS = ("silicone", "rigid", "uniform")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,8 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ends",
         choices=ENDS,
-        default="silicone",
-        help="solid silicone, as the finite elements', or rigid, as the plant's (default: silicone)",
+        help="solid silicone, as the finite elements', rigid, or put into one uniform rod, as the plant's (default: "
+        "silicone; with --law calibrated: uniform, and nothing else)",
     )
     parser.add_argument("--gripper", default="gripper.yaml", metavar="YAML", help="the muscle (default: gripper.yaml)")
     parser.add_argument(
@@ -85,13 +88,12 @@ def run(options: argparse.Namespace) -> int:
     answered = None if options.states is None else read_states(options.states)
     mass_kg_m = options.mass_per_length or (answered and answered.mass_per_length_kg_m)
     geometry = replace(gripper.geometry, mass_per_length_kg_m=mass_kg_m) if mass_kg_m else gripper.geometry
-    ends = RIGID if options.ends == "rigid" else solid_end(stored_shear_modulus_pa(_file(options.law)), geometry)
-    joints = None if options.ends == "rigid" or options.law == "calibrated" else finite_element_end_law()
-    model = RodModel(_law(options.law, gripper), geometry, options.strains, ends, options.bending, joints)
+    ends = options.ends or ("uniform" if options.law == "calibrated" else "silicone")
+    model = _model(options, ends, gripper, geometry)
     told: dict[str, Any] = {
         "strains": list(options.strains),
         "law": options.law,
-        "ends": options.ends,
+        "ends": ends,
         "bending": options.bending,
         "active_length_mm": 1e3 * geometry.active_length_m,
         "end_length_mm": 1e3 * geometry.end_length_m,
@@ -110,15 +112,25 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _law(name: str, gripper: Gripper) -> RodLaw:
-    if name == "calibrated":
-        return calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
-    return finite_element_rod_law(_file(name))
-
-
-def _file(name: str) -> str:
-    """The file that the finite elements' law is in."""
-    return LAW_FILE if name in ("config", "calibrated") else name
+def _model(options: argparse.Namespace, ends: str, gripper: Gripper, muscle: MuscleGeometry) -> RodModel:
+    file, is_calibrated = LAW_FILE if options.law == "config" else options.law, options.law == "calibrated"
+    if ends == "uniform":
+        law = (
+            calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
+            if is_calibrated
+            else finite_element_uniform_law(muscle, file)
+        )
+        rod, over_m = uniform_geometry(muscle), muscle.active_length_m
+        return RodModel(law, rod, options.strains, bending=options.bending, measured_by_m=over_m)
+    if is_calibrated:
+        raise ConfigError(
+            f"the calibrated law is that of the uniform rod: --law calibrated and --ends {ends} exclude each other"
+        )
+    law = finite_element_rod_law(file)
+    if ends == "rigid":
+        return RodModel(law, muscle, options.strains, bending=options.bending)
+    silicone = solid_end(stored_shear_modulus_pa(file), muscle)
+    return RodModel(law, muscle, options.strains, silicone, options.bending, finite_element_end_law())
 
 
 def _strains(text: str) -> tuple[str, ...]:

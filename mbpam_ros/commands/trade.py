@@ -25,7 +25,6 @@ from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
 
-from mbpam_ros.actuator.rod_law import finite_element_rod_law
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.configuration import config_directory
 from mbpam_ros.gripper import load_gripper
@@ -119,7 +118,7 @@ def _model_errors(progress: Progress) -> tuple[ModelError, ...]:
     if states is None:
         progress.say("no states of the whole muscle (mbpam fe states): the errors of the model are not told")
         return ()
-    found = model_errors(states, finite_element_rod_law(), load_gripper().geometry)
+    found = model_errors(states, load_gripper().geometry)
     for each in found:
         progress.say(
             f"error of the model, {', '.join(each.strains)}: {each.free_pct:.2g} % at the tip in the air, "

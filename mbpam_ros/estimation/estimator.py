@@ -116,7 +116,7 @@ class BendEstimator:
         """Build the estimator of a gripper with the metamodel and target it names."""
         return cls(
             calibrate(gripper.design, gripper.geometry, gripper.metamodel, gripper.target),
-            gripper.geometry,
+            gripper.rod_geometry,
             gripper.finger_base_m,
             load_metamodel(gripper.metamodel).predict(gripper.design),
             config,

@@ -45,6 +45,24 @@ def half_height(shape: Shape, size_m: Size, orientation_xyzw: Sequence[float] | 
     return float(np.abs(down) @ (x, y, z))
 
 
+def surface_points_m(shape: Shape, size_m: Size, count: int = 17) -> NDArray[np.float64]:
+    """Return points of the surface, edges and corners too, body frame, shape (n, 3): ``count`` by count a face."""
+    across = np.linspace(-1.0, 1.0, count)
+    u, v = (part.ravel() for part in np.meshgrid(across, across))
+    angle = np.pi * u
+    if shape == "box":
+        square = np.column_stack([u, v])
+        parts = [np.insert(square, axis, side, axis=1) for axis in range(3) for side in (-1.0, 1.0)]
+    elif shape == "sphere":
+        ring = np.cos(0.5 * np.pi * v)
+        parts = [np.column_stack([ring * np.cos(angle), ring * np.sin(angle), np.sin(0.5 * np.pi * v)])]
+    else:
+        disc = np.column_stack([v * np.cos(angle), v * np.sin(angle), np.ones_like(v)])
+        parts = [np.column_stack([np.cos(angle), np.sin(angle), v]), disc, -disc]
+    points: NDArray[np.float64] = np.concatenate(parts) * (0.5 * np.asarray(size_m))
+    return points
+
+
 def distance_m(shape: Shape, size_m: Size, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how far points (n, 3) in the body frame are from the surface, shape (n,); negative inside.
 

@@ -17,7 +17,7 @@ closing    release                                                      releasin
 holding    release                                                      releasing            regulate to 0
 releasing  all pressures down                                           idle                 regulate to 0
 releasing  they are not before the time-out                             fault                vent
-any        stop, or over-pressure                                       fault                vent
+any        stop, over-pressure, or a vent latched at the valves         fault                vent
 fault      release (lets go of an object a fault has kept)              fault                vent
 fault      reset, pressures down and known, no fault reported           idle                 regulate to 0
 ========== ============================================================ ==================== ==============
@@ -40,8 +40,11 @@ from numpy.typing import ArrayLike, NDArray
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import load_config, require_positive
+from mbpam_ros.grasp.grip_pressure import NOTHING_EXPECTED, Expected, GripConfig, GripPlanner, load_grip_table
 from mbpam_ros.grasp.modes import MODE_NAMES, GraspMode
 from mbpam_ros.grasp.selection import DetectedObject, GraspChoice, ModeSelector, Refusal, SelectionConfig, WristPose
+from mbpam_ros.grasp.sightings import Sightings
+from mbpam_ros.gripper import Gripper
 from mbpam_ros.pneumatics.air_switch import Air
 
 
@@ -99,6 +102,7 @@ class ArbitrationConfig:
         open_below_gauge_pa: a chamber below this counts as vented.
         pressure_stale_s: a channel without a valid reading for longer is stale.
         detection_stale_s: detections older than this are not used.
+        object_moved_m: an object seen farther than this from where it was has moved.
         contact_stale_s: a measured contact older than this is not reported.
     """
 
@@ -112,11 +116,12 @@ class ArbitrationConfig:
     pressure_stale_s: float
     detection_stale_s: float
     contact_stale_s: float
+    object_moved_m: float = 0.015
 
     def __post_init__(self) -> None:
         require_positive(self, "pressure_tolerance_pa", "settle_dwell_s", "close_timeout_s", "release_timeout_s")
         require_positive(self, "pressure_lost_s", "open_below_gauge_pa", "pressure_stale_s", "detection_stale_s")
-        require_positive(self, "contact_stale_s")
+        require_positive(self, "contact_stale_s", "object_moved_m")
         if self.settle_dwell_s >= self.close_timeout_s:
             raise ValueError("settle_dwell_s must be less than close_timeout_s, or no grasp ever closes")
 
@@ -127,6 +132,7 @@ class GraspConfig:
 
     selection: SelectionConfig
     arbitration: ArbitrationConfig
+    grip: GripConfig = GripConfig()
 
 
 def load_grasp_config(name: str | Path = "grasp.yaml") -> GraspConfig:
@@ -136,6 +142,19 @@ def load_grasp_config(name: str | Path = "grasp.yaml") -> GraspConfig:
         ConfigError: wrong keys or values.
     """
     return load_config(GraspConfig, name)
+
+
+def build_selector(config: GraspConfig, gripper: Gripper, modes: Mapping[str, GraspMode]) -> ModeSelector:
+    """Return what picks modes and grip pressures by the grasp file and its table of pressures.
+
+    Raises:
+        ConfigError: there is no such table.
+        RodSolutionError: the gripper's design has no rod law.
+    """
+    grip = None
+    if config.grip.table is not None:
+        grip = GripPlanner(config.grip, load_grip_table(config.grip.table), gripper.pressure_limit_gauge_pa)
+    return ModeSelector(config.selection, gripper, modes, grip)
 
 
 @dataclass(frozen=True)
@@ -149,6 +168,7 @@ class _Situation:
     mirrored: bool = False
     object_label: str = ""
     grasp_pose: WristPose | None = None
+    grip_gauge_pa: float | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -163,6 +183,7 @@ class Decision(_Situation):
         mode, quarter_turns, mirrored: the grasp mode and how it is posed; an empty name while there is none.
         object_label: the object the camera chose, ``unknown`` for a mode the operator asked for, else empty.
         grasp_pose: wrist pose that lines the mode up with the object; only for the camera's grasps.
+        grip_gauge_pa: pressure chosen for the object; none: that of the mode.
         contact: whether an object is touched, as far as that was measured.
         setpoint_gauge_pa: shape (16,) [Pa gauge], read-only, always finite and within 0 .. pressure limit.
         informed: all pressures had been read at least once. Before, the rest of the decision means nothing: nobody
@@ -190,8 +211,12 @@ class Decision(_Situation):
         }
 
 
+_SEES_BELOW_PA = 10e3
+"""Fingers under less pressure have bent by no more than a few degrees."""
+
 _OPEN = _Situation(Phase.IDLE, Source.NONE, Air.REGULATE, "open")
 _GRASPING = (Phase.CLOSING, Phase.HOLDING)
+_AT_THE_VALVES = "vented at the valves: "
 
 
 class Arbiter:
@@ -234,8 +259,10 @@ class Arbiter:
         self._clock_offset_s = 0.0
         self._pressure_pa = np.full(CHANNEL_COUNT, np.nan)
         self._valid_at_s = np.full(CHANNEL_COUNT, -math.inf)
-        self._detections: tuple[DetectedObject, ...] = ()
-        self._detected_at_s = -math.inf
+        self._sightings = Sightings(config.object_moved_m, config.detection_stale_s)
+        self._blind = ""
+        self._target: DetectedObject | None = None
+        self._expected = NOTHING_EXPECTED
         self._touching = False
         self._touched_at_s = -math.inf
         self._unhealthy: dict[str, str] = {}
@@ -252,6 +279,11 @@ class Arbiter:
     def phase(self) -> Phase:
         """Where the grasp stands after the last observation, request or tick."""
         return self._situation.phase
+
+    @property
+    def pressure_gauge_pa(self) -> NDArray[np.float64]:
+        """Pressures observed last, shape (16,) [Pa gauge]; NaN where there was no valid reading."""
+        return self._pressure_pa.copy()
 
     # Observations
 
@@ -277,11 +309,26 @@ class Arbiter:
                 self._fault(f"started with air in {_channels(up)}, which may hold an object", Air.HOLD)
         self._update(time_s)
 
-    def observe_detections(self, time_s: float, objects: Sequence[DetectedObject]) -> None:
-        """Take what the camera sees now, nothing included."""
+    def observe_detections(self, time_s: float, objects: Sequence[DetectedObject], age_s: float = 0.0) -> None:
+        """Take what the camera saw ``age_s`` ago, nothing included. While the fingers are open it may end a grasp."""
         self._advance(time_s)
-        self._detections = tuple(objects)
-        self._detected_at_s = self._time_s
+        self._sightings.take(self._time_s - age_s, objects)
+        self._blind = ""
+        now = self._situation
+        still_open = bool((self._pressure_pa < _SEES_BELOW_PA).all())  # later fingers hide it, or have moved it
+        if now.phase is Phase.CLOSING and now.source is Source.CAMERA and self._target is not None and still_open:
+            lost = self._sightings.lost(self._target)
+            if lost is not None:
+                self._enter(replace(now, phase=Phase.RELEASING, reason=f"{lost}; not closed upon"))
+
+    def forget_detections(self, reason: str) -> None:
+        """Have the camera's grasps refused for ``reason`` until it is heard of again."""
+        self._sightings.forget()
+        self._blind = reason
+
+    def expect(self, expected: Expected) -> None:
+        """Take what is known of the objects to come: the camera's grasps of them are as hard as that asks for."""
+        self._expected = expected
 
     def observe_health(self, time_s: float, source: str, ok: bool, message: str = "") -> None:
         """Take the health of a part the grasp depends on (sensor, valves); a fault stands until reported ok."""
@@ -290,6 +337,13 @@ class Arbiter:
             self._unhealthy.pop(source, None)
         else:
             self._unhealthy[source] = message
+
+    def observe_vent(self, time_s: float, reason: str) -> None:
+        """Take notice that a vent is latched at the valves: by whoever, or from before this arbiter was started."""
+        self._advance(time_s)
+        if not (self._situation.phase is Phase.FAULT and self._situation.air is Air.VENT):
+            # Valves started anew took it from the word of an arbiter, which had it from the valves before.
+            self._fault(f"{_AT_THE_VALVES}{reason.removeprefix(_AT_THE_VALVES)}", Air.VENT)
 
     def observe_contact(self, time_s: float, touching: bool) -> None:
         """Take a measured contact, should the gripper have a sensor for it. It is reported, and decides nothing."""
@@ -324,17 +378,22 @@ class Arbiter:
         objection = self._objection(Source.CAMERA)
         if objection is not None:
             return Answer(False, objection)
-        age_s = self._time_s - self._detected_at_s
+        age_s = self._time_s - self._sightings.time_s
         if age_s == math.inf:
-            return Answer(False, "no detection yet; is the object detector running?")
+            return Answer(False, self._blind or "no detection yet; is the object detector running?")
         if age_s > self._config.detection_stale_s:
             return Answer(
                 False,
                 f"last detection is {age_s:.1f} s old, at most {self._config.detection_stale_s:g} s; camera running?",
             )
-        choice = self._selector.choose(self._detections)
+        choice = self._selector.choose(self._sightings.newest, self._expected)
         if isinstance(choice, Refusal):
-            return Answer(False, choice.reason)
+            vanished = self._sightings.vanished()
+            return Answer(False, choice.reason if vanished is None else f"{choice.reason}: {vanished}")
+        unrest = self._sightings.unrest(choice.target)
+        if unrest is not None:
+            return Answer(False, f"{choice.target.label}: {unrest}")
+        self._target = choice.target
         return self._close(_chosen_by_camera(choice))
 
     def release(self, time_s: float) -> Answer:
@@ -360,23 +419,29 @@ class Arbiter:
 
     def reset(self, time_s: float) -> Answer:
         """Clear a latched fault, if its cause is gone and the gripper is vented."""
-        self._update(time_s)
+        refusal = self.objection_to_reset(time_s)
+        if refusal is not None:
+            return Answer(False, refusal)
         if self._situation.phase is Phase.IDLE:
             return Answer(True, "no fault latched")
-        if self._situation.phase is not Phase.FAULT:
-            return Answer(
-                False, f"no fault latched, the gripper is {self._situation.phase.value}; grasp/release opens it"
-            )
-        if self._situation.air is Air.HOLD:
-            return Answer(False, f"the fault keeps the object ({self._situation.reason}); call grasp/release first")
-        objection = self._ill_health() or self._unreadable()
-        if objection is not None:
-            return Answer(False, f"the cause persists: {objection}")
-        up = ~(self._pressure_pa < self._config.open_below_gauge_pa)
-        if up.any():
-            return Answer(False, f"pressure is still up: {self._readings(up)}; wait until vented")
         self._enter(replace(_OPEN, reason="fault reset"))
         return Answer(True, "fault cleared")
+
+    def objection_to_reset(self, time_s: float) -> str | None:
+        """Return why a reset would be refused now, or None."""
+        self._update(time_s)
+        now = self._situation
+        if now.phase is Phase.IDLE:
+            return None
+        if now.phase is not Phase.FAULT:
+            return f"no fault latched, the gripper is {now.phase.value}; grasp/release opens it"
+        if now.air is Air.HOLD:
+            return f"the fault keeps the object ({now.reason}); call grasp/release first"
+        objection = self._ill_health() or self._unreadable()
+        if objection is not None:
+            return f"the cause persists: {objection}"
+        up = ~(self._pressure_pa < self._config.open_below_gauge_pa)
+        return f"pressure is still up: {self._readings(up)}; wait until vented" if up.any() else None
 
     def obstacle(self, time_s: float) -> str | None:
         """Return what keeps any grasp from starting (a fault of a part, no valid pressures), or None."""
@@ -456,7 +521,9 @@ class Arbiter:
             self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
             situation = replace(situation, grasp_pose=None)
         elif situation.phase is Phase.CLOSING:
-            grip_pa = getattr(self._config.grip_pressure_gauge_pa, situation.mode)
+            grip_pa = situation.grip_gauge_pa
+            if grip_pa is None:
+                grip_pa = getattr(self._config.grip_pressure_gauge_pa, situation.mode)
             mode = self._modes[situation.mode]
             self._setpoint_pa = _read_only(mode.setpoints(grip_pa, situation.quarter_turns, situation.mirrored))
             self._was_settled, self._settled_changed_s = False, self._time_s
@@ -528,6 +595,7 @@ def _chosen_by_camera(choice: GraspChoice) -> _Situation:
         choice.mirrored,
         choice.target.label,
         choice.wrist_pose,
+        choice.grip_gauge_pa,
     )
 
 

@@ -16,9 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbpam_ros.configuration import require_positive
-from mbpam_ros.geometry.rotations import about_z, rotation_matrix
+from mbpam_ros.geometry.rotations import about_z, product, rotation_matrix
 from mbpam_ros.geometry.solids import SHAPES, Shape
+from mbpam_ros.grasp.grip_pressure import NOTHING_EXPECTED, Expected, GripPlanner
 from mbpam_ros.grasp.modes import GraspMode
+from mbpam_ros.grasp.reach import Body, Reach
 from mbpam_ros.gripper import Gripper
 
 _LIKELY_HIDDEN_M = 0.05
@@ -32,27 +34,34 @@ class SelectionConfig:
     Args:
         slenderness_min: length over diameter from which a round rod is slender.
         confidence_min: least confidence of a detection that may be grasped, 0..1.
-        confidence_tie: difference of confidence that does not decide between two objects.
-        width_min_m: smallest width that can be grasped.
-        offset_max_m: greatest horizontal distance of the object's centre from the palm's axis.
-        depth_min_m, depth_max_m: range of the object's centre below the palm.
+        confidence_tie: of several objects one this much less certain than the surest counts as equally so.
         mirror_above_deg: wrist rotation left from which the mirrored mode is considered.
+        offset_max_m: greatest horizontal distance of the object's centre from the palm's axis that an arm takes out.
+        friction_coefficient: of fingers on an object whose own is not told.
+        table_depth_m: depth of a table under the palm; none: the fingers hang free, beside what the object stands on.
+        width_min_m, depth_min_m, depth_max_m: limits of your own to an object's width and its centre's depth below the
+            palm; none: what the fingers reach.
     """
 
     slenderness_min: float
     confidence_min: float
     confidence_tie: float
-    width_min_m: float
     offset_max_m: float
-    depth_min_m: float
-    depth_max_m: float
     mirror_above_deg: float
+    friction_coefficient: float = 0.6
+    table_depth_m: float | None = None
+    width_min_m: float | None = None
+    depth_min_m: float | None = None
+    depth_max_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(self, "slenderness_min", "width_min_m", "offset_max_m", "depth_min_m", "depth_max_m")
+        require_positive(self, "slenderness_min", "offset_max_m", "friction_coefficient")
+        for name in ("table_depth_m", "width_min_m", "depth_min_m", "depth_max_m"):
+            if getattr(self, name) is not None:
+                require_positive(self, name)
         if not (0.0 <= self.confidence_min <= 1.0 and 0.0 <= self.confidence_tie <= 1.0):
             raise ValueError("confidence_min and confidence_tie must lie in 0..1")
-        if self.depth_min_m >= self.depth_max_m:
+        if self.depth_min_m is not None and self.depth_max_m is not None and self.depth_min_m >= self.depth_max_m:
             raise ValueError(f"depth_min_m = {self.depth_min_m:g} must be less than depth_max_m")
         if self.mirror_above_deg < 0.0:
             raise ValueError(f"mirror_above_deg must not be negative, found {self.mirror_above_deg:g}")
@@ -129,6 +138,7 @@ class GraspChoice:
         mirrored: whether the mirrored mode is used (mirrored first, then turned).
         wrist_rotation_rad: rotation about gripper Z left for the wrist, in (-pi/4, pi/4].
         reason: why this mode, for people.
+        grip_gauge_pa: pressure to grip with [Pa gauge]; none: that of the mode.
     """
 
     target: DetectedObject
@@ -137,6 +147,7 @@ class GraspChoice:
     mirrored: bool
     wrist_rotation_rad: float
     reason: str
+    grip_gauge_pa: float | None = None
 
     @property
     def wrist_pose(self) -> WristPose:
@@ -178,56 +189,79 @@ class ModeSelector:
 
     Args:
         config: thresholds.
-        gripper: where the fingers stand, which sets the free space between them.
+        gripper: the muscles and where they stand, which set what can be reached (:mod:`~mbpam_ros.grasp.reach`).
         modes: the grasp modes by name.
+        grip: how hard an object of known mass is gripped; none: as its mode always is.
+
+    Raises:
+        RodSolutionError: the gripper's design has no rod law.
     """
 
-    def __init__(self, config: SelectionConfig, gripper: Gripper, modes: Mapping[str, GraspMode]) -> None:
-        self._config = config
-        self._modes = modes
-        radius, circle = gripper.geometry.outer_radius_m, gripper.finger_circle_radius_m
-        # Between four straight fingers: the round space round objects need, the gap between neighbours rods need.
-        self._free_diameter_m = 2.0 * (circle - radius)
-        self._free_gap_m = 2.0 * (circle * math.sin(math.pi / 4.0) - radius)
+    def __init__(
+        self,
+        config: SelectionConfig,
+        gripper: Gripper,
+        modes: Mapping[str, GraspMode],
+        grip: GripPlanner | None = None,
+    ) -> None:
+        self._config, self._modes, self._grip = config, modes, grip
+        self._reach = Reach(gripper, modes, config.friction_coefficient, config.table_depth_m)
 
-    def select(self, target: DetectedObject) -> GraspChoice | Refusal:
-        """Return mode, turn and wrist pose for one object, or why it cannot be grasped.
+    def select(self, target: DetectedObject, expected: Expected = NOTHING_EXPECTED) -> GraspChoice | Refusal:
+        """Return mode, turn, wrist pose and pressure for one object, or why it cannot be grasped.
 
         Of an object seen in part the centre is taken where, of all places it may be in, it is nearest to the palm's
         axis: a rod that is long enough can be taken there, wherever it ends.
         """
         footprint = _footprint(target)
         target = _at_nearest_centre(target, footprint)
-        obstacle = self._obstacle(target, footprint)
-        if obstacle is not None:
-            return Refusal(f"{target.label}: {obstacle}")
         name, why = self._mode_for(target, footprint)
         turns, rotation = _nearest_turn(footprint.axis_azimuth_rad)
-        return GraspChoice(
-            target, name, turns, self._mirror_helps(self._modes[name], rotation), rotation, f"{target.label}: {why}"
+        mirrored = self._mirror_helps(self._modes[name], rotation)
+        obstacle = self._obstacle(target, footprint) or self._reach.obstacle(
+            _lined_up(target, rotation), name, turns, mirrored
         )
+        if obstacle is not None:
+            return Refusal(f"{target.label}: {obstacle}")
+        grip = self._grip_for(name, target, footprint, expected)
+        if isinstance(grip, str):
+            return Refusal(f"{target.label}: {grip}")
+        if grip is not None:
+            why = f"{why}; {1e-3 * grip:.0f} kPa hold it"
+        return GraspChoice(target, name, turns, mirrored, rotation, f"{target.label}: {why}", grip)
 
-    def choose(self, targets: Sequence[DetectedObject]) -> GraspChoice | Refusal:
-        """Return the grasp of the best of several objects, or why none can be grasped.
+    def choose(self, targets: Sequence[DetectedObject], expected: Expected = NOTHING_EXPECTED) -> GraspChoice | Refusal:
+        """Return the grasp of the nearest of several objects that can be grasped, or why none can be.
 
-        Among those that can be grasped, the most confident wins; of those about equally confident (within
-        ``confidence_tie``) the one nearest to the palm's axis.
+        Nearest to the palm's axis. One whose confidence is more than ``confidence_tie`` below that of the surest that
+        can be grasped is passed over. The reason names the others, and why those that cannot be grasped cannot.
         """
         if not targets:
             return Refusal("no object in view")
-        answers = [self.select(target) for target in targets]
+        answers = [self.select(target, expected) for target in targets]
         choices = [answer for answer in answers if isinstance(answer, GraspChoice)]
+        refused = [answer.reason for answer in answers if isinstance(answer, Refusal)]
         if not choices:
-            return Refusal("no object can be grasped: " + "; ".join(answer.reason for answer in answers))
+            return Refusal("no object can be grasped: " + "; ".join(refused))
         sure = max(choice.target.confidence for choice in choices) - self._config.confidence_tie
-        best = min((item for item in choices if item.target.confidence >= sure), key=lambda item: item.target.offset_m)
-        if len(targets) == 1:
-            return best
-        among = (
-            f"{best.reason}; chosen among {len(targets)} objects ({len(choices)} can be grasped) with confidence "
-            f"{best.target.confidence:.2f}, {1e3 * best.target.offset_m:.0f} mm off the axis"
+        nearest = min(
+            (choice for choice in choices if choice.target.confidence >= sure),
+            key=lambda choice: (choice.target.offset_m, -choice.target.confidence),
         )
-        return replace(best, reason=among)
+        if len(targets) == 1:
+            return nearest
+        others = [_words(choice.target) for choice in choices if choice is not nearest] + refused
+        among = f"{nearest.reason}; nearest of {len(targets)}, {_words(nearest.target)}; not: {'; '.join(others)}"
+        return replace(nearest, reason=among)
+
+    def _grip_for(
+        self, mode: str, target: DetectedObject, footprint: _Footprint, expected: Expected
+    ) -> float | str | None:
+        """Return the grip pressure [Pa gauge], why no pressure holds the object, or None: that of the mode."""
+        if self._grip is None:
+            return None
+        friction = expected.friction_coefficient or self._config.friction_coefficient
+        return self._grip.pressure_gauge_pa(mode, footprint.width_m, target.position_m[2], expected.mass_kg, friction)
 
     def _mode_for(self, target: DetectedObject, footprint: _Footprint) -> tuple[str, str]:
         if footprint.axis_azimuth_rad is None:
@@ -246,25 +280,22 @@ class ModeSelector:
         return "short_rod", f"round rod of slenderness {known}, less than {threshold:g}"
 
     def _obstacle(self, target: DetectedObject, footprint: _Footprint) -> str | None:
-        """Return why the object is out of reach, or None."""
+        """Return which of the configured limits the object breaks, or None."""
         config = self._config
-        free_m = self._free_diameter_m if footprint.axis_azimuth_rad is None else self._free_gap_m
-        width_mm, length_mm, free_mm = 1e3 * footprint.width_m, 1e3 * footprint.length_m, 1e3 * free_m
-        depth_m = target.position_m[2]
+        width_mm, depth_m, offset_mm = 1e3 * footprint.width_m, target.position_m[2], 1e3 * target.offset_m
         if target.confidence < config.confidence_min:
             return f"confidence {target.confidence:.2f} is less than {config.confidence_min:g}"
-        if footprint.width_m < config.width_min_m:
-            return f"too small: {width_mm:.1f} mm wide, at least {1e3 * config.width_min_m:g} mm needed"
-        if footprint.width_m > free_m:
-            return f"too wide: {width_mm:.1f} mm, {free_mm:.1f} mm free between the fingers"
-        if footprint.axis_azimuth_rad is not None and footprint.length_m < self._free_gap_m:
-            return f"too short: {length_mm:.1f} mm, the fingers stand {free_mm:.1f} mm apart and would miss it"
         if target.offset_m > config.offset_max_m:
-            return f"too far off the axis: {1e3 * target.offset_m:.0f} mm, at most {1e3 * config.offset_max_m:g} mm"
-        if not config.depth_min_m <= depth_m <= config.depth_max_m:
+            farthest_mm = 1e3 * config.offset_max_m
+            beyond_mm = offset_mm - farthest_mm
+            return f"too far off the axis by {beyond_mm:.0f} mm: {offset_mm:.0f} mm, at most {farthest_mm:g} mm"
+        if config.width_min_m is not None and footprint.width_m < config.width_min_m:
+            return f"too small: {width_mm:.1f} mm wide, at least {1e3 * config.width_min_m:g} mm by the configuration"
+        low_m, high_m = config.depth_min_m or 0.0, config.depth_max_m or math.inf
+        if not low_m <= depth_m <= high_m and depth_m > 0.0:
             return (
-                f"centre {1e3 * depth_m:.0f} mm below the palm, must be {1e3 * config.depth_min_m:g} to "
-                f"{1e3 * config.depth_max_m:g} mm"
+                f"centre {1e3 * depth_m:.0f} mm below the palm, must be {1e3 * low_m:g} to {1e3 * high_m:g} mm by the "
+                "configuration"
             )
         return None
 
@@ -275,6 +306,18 @@ class ModeSelector:
         """
         skew = abs(wrist_rotation_rad) > math.radians(self._config.mirror_above_deg)
         return skew and mode.yaw_couple * wrist_rotation_rad > 1e-9
+
+
+def _lined_up(target: DetectedObject, wrist_rotation_rad: float) -> Body:
+    """The object as it lies once the wrist is at the wrist pose."""
+    depth_m = target.position_m[2]
+    turned = product(about_z(-wrist_rotation_rad), target.orientation_xyzw)
+    return Body(target.shape, target.size_m, (0.0, 0.0, depth_m), turned)
+
+
+def _words(target: DetectedObject) -> str:
+    x_mm, y_mm = 1e3 * target.position_m[0], 1e3 * target.position_m[1]
+    return f"{target.label} at ({x_mm:.0f}, {y_mm:.0f}) mm"
 
 
 def _footprint(target: DetectedObject) -> _Footprint:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
+from rclpy.client import Client
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -17,14 +19,18 @@ from visualization_msgs.msg import Marker, MarkerArray
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
-from mbpam_ros.grasp.arbitration import Arbiter, Decision, Phase, load_grasp_config
+from mbpam_ros.grasp.arbitration import Arbiter, Decision, Phase, build_selector, load_grasp_config
+from mbpam_ros.grasp.confirmation import StopConfirmation
 from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
-from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
+from mbpam_ros.grasp.selection import DetectedObject
 from mbpam_ros.grasp.watch import HealthWatch
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.nodes.answering import Reply
+from mbpam_ros.nodes.heartbeat import SILENCE_S, Instance
 from mbpam_ros.nodes.markers import BASE_FRAME, SHAPES, hidden_lengths
-from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, pose, pose_arrays, with_answer
+from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, pose, pose_arrays, seconds
 from mbpam_ros.nodes.parameters import Parameter
+from mbpam_ros.nodes.stamps import CLOCK_TOLERANCE, StampClock, stamp_age
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -35,10 +41,17 @@ PARAMETERS = (
     Parameter("grasp", "grasp.yaml", "grasp file: selection thresholds, grip pressures, times"),
     Parameter("pressure_sensor_node", "pressure_sensor", "name of the node that senses the pressures"),
     Parameter("valve_controller_node", "valve_controller", "name of the node that moves the valves"),
+    Parameter("object_detector_node", "object_detector", "name of the node that sees the objects"),
     Parameter("tick_rate_hz", 50.0, "rate of the state machine [Hz]", 5.0, 1000.0),
+    CLOCK_TOLERANCE,
 )
 
 SETPOINT_REPEAT_S = 0.5
+
+CALL_LOOK_S = 0.01
+"""How often the node looks what has come of its own calls, while there are any."""
+
+CLEAR_TIMEOUT_S = 1.0
 
 WATCHED_NODES = ("pressure_sensor", "valve_controller")
 """Nodes of the same namespace whose faults stop a grasp; without their reports none begins."""
@@ -52,7 +65,7 @@ class GraspArbiterNode(GripperNode):
         gripper = load_gripper(self.text("gripper"))
         config = load_grasp_config(self.text("grasp"))
         modes = load_modes(self.text("modes"))
-        selector = ModeSelector(config.selection, gripper, modes)
+        selector = build_selector(config, gripper, modes)
         try:
             self._arbiter = Arbiter(
                 config.arbitration, modes, selector, gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
@@ -67,6 +80,13 @@ class GraspArbiterNode(GripperNode):
         }
         self._watch = HealthWatch(self._arbiter, unheard, self.now_s())
         self._decision: Decision | None = None
+        self._pressure_stale_s = config.arbitration.pressure_stale_s
+        self._detection_stale_s = config.arbitration.detection_stale_s
+        self._open_below_gauge_pa = config.arbitration.open_below_gauge_pa
+        self._clock_of_pressures = StampClock(self._pressure_stale_s, self.number("clock_tolerance_s"))
+        self._vent_latched = False
+        self._stopping: StopConfirmation | None = None
+        self._awaited: list[Callable[[], bool]] = []
 
         self._setpoints = self.create_publisher(JointState, "pressure_setpoints", STREAM)
         self._state = self.create_publisher(DiagnosticStatus, "grasp_state", LATCHED)
@@ -78,8 +98,17 @@ class GraspArbiterNode(GripperNode):
             self._serve(f"grasp/{mode}", partial(self._arbiter.request_mode, mode))
         self._serve("grasp/auto", self._arbiter.request_auto)
         self._serve("grasp/release", self._arbiter.release)
-        self._serve("grasp/stop", self._arbiter.stop)
-        self._serve("grasp/reset", self._arbiter.reset)
+        self.serve_later(Trigger, "grasp/stop", self._on_stop)
+        self.serve_later(Trigger, "grasp/reset", self._on_reset)
+        # Made now: an answer to a client that was made just before its call may be lost.
+        self._vent: Client = self.create_client(Trigger, "valve_controller/vent")
+        self._clear: Client = self.create_client(Trigger, "valve_controller/clear")
+        self.create_subscription(DiagnosticStatus, "valve_controller/state", self._on_valves, LATCHED)
+        for source in WATCHED_NODES:
+            self.watch_node(self.text(f"{source}_node"), partial(self._on_life, source))
+        self.watch_node(self.text("object_detector_node"), self._on_detectors)
+        self._calls = self.create_timer(CALL_LOOK_S, self._look_at_calls, clock=self._steady_clock)
+        self._calls.cancel()
         self.create_timer(1.0 / self.number("tick_rate_hz"), self._tick)
         # A valve controller started anew has missed the last change.
         self.create_timer(SETPOINT_REPEAT_S, self._publish_setpoints)
@@ -95,18 +124,128 @@ class GraspArbiterNode(GripperNode):
             level, reason = DiagnosticStatus.WARN, f"not ready: {obstacle}"
         return Health(level, f"{phase.value}: {reason}", self._decision.key_values())
 
-    def _serve(self, name: str, request: Callable[[float], Answer]) -> None:
-        def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            result = request(self.now_s())
-            # Two call sites: rclpy refuses a severity that changes at one.
-            if result.accepted:
-                self.get_logger().info(f"{name}: {result.reason}")
-            else:
-                self.get_logger().warning(f"{name} refused: {result.reason}")
-            self._tick()
-            return with_answer(response, result)
+    def rivals_changed(self) -> None:
+        """Take another arbiter beside this one for a fault; neither knows what the other has asked for."""
+        rivals = ", ".join(rival.words for rival in self.rivals)
+        message = f"another {self.get_fully_qualified_name()} runs: {rivals}; end one of them"
+        self._arbiter.observe_health(self.now_s(), "grasp_arbiter", not rivals, message)
 
-        self.create_service(Trigger, name, answer)
+    def _on_life(self, source: str, alive: tuple[Instance, ...]) -> None:
+        """Take notice of how many nodes of a name live."""
+        if len(alive) == 1:
+            self._watch.find_right(source)
+        elif alive:
+            where = ", ".join(each.words for each in alive)
+            self._watch.find_wrong(self.now_s(), source, f"{len(alive)} of this name run: {where}; end one of them")
+        else:
+            self._watch.find_wrong(self.now_s(), source, f"no sign of life for {SILENCE_S:g} s")
+        self._tick()
+
+    def _on_detectors(self, alive: tuple[Instance, ...]) -> None:
+        """What a detector saw that lives no longer starts nothing."""
+        if not alive:
+            self._arbiter.forget_detections(f"object_detector gives no sign of life for {SILENCE_S:g} s")
+
+    def _serve(self, name: str, request: Callable[[float], Answer]) -> None:
+        def answer(_: Trigger.Request) -> Answer:
+            return self._said(name, request(self.now_s()))
+
+        self.serve(Trigger, name, answer)
+
+    def _said(self, name: str, answer: Answer) -> Answer:
+        """Log an answer, and let the state machine act upon the request before it is given."""
+        # Two call sites: rclpy refuses a severity that changes at one.
+        if answer.accepted:
+            self.get_logger().info(f"{name}: {answer.reason}")
+        else:
+            self.get_logger().warning(f"{name} refused: {answer.reason}")
+        self._tick()
+        return answer
+
+    # Requests that another node has to confirm
+
+    def _on_stop(self, _: Trigger.Request, reply: Reply) -> None:
+        """Stop at once; answer when it is known what came of it."""
+        self._arbiter.stop(self.now_s())
+        self._tick()
+        if self._stopping is not None:  # asked for twice: both get what comes of the first
+            stopping = self._stopping
+        else:
+            before_pa = self._arbiter.pressure_gauge_pa
+            stopping = self._stopping = StopConfirmation(time.monotonic(), before_pa, self._open_below_gauge_pa)
+            self._call(self._vent, stopping.acknowledge)
+
+        def answered() -> bool:
+            verdict = stopping.verdict(time.monotonic(), self._arbiter.pressure_gauge_pa)
+            if verdict is None:
+                return False
+            self._stopping = None
+            self.get_logger().warning(f"grasp/stop: {verdict.reason}")
+            reply(verdict)
+            return True
+
+        self._await(answered)
+
+    def _on_reset(self, _: Trigger.Request, reply: Reply) -> None:
+        """Have the vent lifted where it is latched, then reset."""
+        now_s = self.now_s()
+        if not self._vent_latched or self._arbiter.objection_to_reset(now_s) is not None:
+            reply(self._said("grasp/reset", self._arbiter.reset(now_s)))
+            return
+        cleared: list[bool] = []
+        self._call(self._clear, lambda: cleared.append(True))
+        until_s = time.monotonic() + CLEAR_TIMEOUT_S
+
+        def answered() -> bool:
+            if cleared:
+                self._vent_latched = False
+                reply(self._said("grasp/reset", self._arbiter.reset(self.now_s())))
+            elif time.monotonic() > until_s:
+                refusal = Answer(False, "valve_controller does not answer: the vent stays latched there")
+                reply(self._said("grasp/reset", refusal))
+            else:
+                return False
+            return True
+
+        self._await(answered)
+
+    def _call(self, client: Client, done: Callable[[], None]) -> None:
+        """Call a service of the valve controller; ``done`` is called if it says that it has done it."""
+        if not client.service_is_ready():
+            return
+        future: Any = client.call_async(Trigger.Request())
+        until_s = time.monotonic() + CLEAR_TIMEOUT_S
+
+        def answered() -> bool:
+            if future.done():
+                answer = future.result()
+                if answer is not None and answer.success:
+                    done()
+                return True
+            if time.monotonic() > until_s:
+                client.remove_pending_request(future)
+                return True
+            return False
+
+        self._await(answered)
+
+    def _await(self, answered: Callable[[], bool]) -> None:
+        self._awaited.append(answered)
+        self._calls.reset()
+
+    def _look_at_calls(self) -> None:
+        awaited, self._awaited = self._awaited, []
+        self._awaited += [answered for answered in awaited if not answered()]
+        if not self._awaited:
+            self._calls.cancel()
+
+    def _on_valves(self, state: DiagnosticStatus) -> None:
+        """Take notice of a vent that is latched at the valves, be it from before this node was started."""
+        reason = next((item.value for item in state.values if item.key == "vent_latched"), "")
+        self._vent_latched = bool(reason)
+        if reason:
+            self._arbiter.observe_vent(self.now_s(), reason)
+            self._tick()
 
     def _tick(self) -> None:
         """Let the state machine decide; publish the decision if it changed."""
@@ -147,17 +286,24 @@ class GraspArbiterNode(GripperNode):
 
     def _on_chamber_states(self, message: JointState) -> None:
         try:
-            self._arbiter.observe_pressures(self.now_s(), named_values(message, CHANNEL_NAMES, "effort"))
+            pressure_gauge_pa = named_values(message, CHANNEL_NAMES, "effort")
+            self._clock_of_pressures.sample(seconds(message.header.stamp), self.now_s(), self.clock_s())
+            self._arbiter.observe_pressures(self.now_s(), pressure_gauge_pa)
         except (MessageError, ValueError) as error:
             self.refuse("chamber_states", error)
 
     def _on_detections(self, message: MarkerArray) -> None:
         try:
+            stamps_s = [seconds(marker.header.stamp) for marker in message.markers]
+            age_s = 0.0
+            if stamps_s:
+                now_s, tolerance_s = seconds(self.now_stamp()), self.number("clock_tolerance_s")
+                age_s = stamp_age(min(stamps_s), now_s, self._detection_stale_s, tolerance_s)
             objects = [_detected_object(marker) for marker in message.markers if marker.action == Marker.ADD]
         except (MessageError, ValueError) as error:
             self.refuse("detections", error)
             return
-        self._arbiter.observe_detections(self.now_s(), objects)
+        self._arbiter.observe_detections(self.now_s(), objects, age_s)
 
     def _on_diagnostics(self, report: DiagnosticArray) -> None:
         for status in report.status:

@@ -15,6 +15,14 @@ NODES = ("plant", "pressure_sensor", "valve_controller", "state_estimator", "obj
 
 TRIGGER, SET_BOOL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool"
 _JOINTS, _MARKERS = "sensor_msgs/msg/JointState", "visualization_msgs/msg/MarkerArray"
+_STATUS, _HEADER = "diagnostic_msgs/msg/DiagnosticStatus", "std_msgs/msg/Header"
+_WATCHED_BY = {
+    "grasp_arbiter": ("valve_controller",),
+    "pressure_sensor": ("grasp_arbiter",),
+    "valve_controller": ("grasp_arbiter",),
+    "object_detector": ("grasp_arbiter",),
+}
+"""Who depends on a node, and so listens whether it lives; each also listens for another node of its own name."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +59,21 @@ class Topic:
 
 @dataclass(frozen=True)
 class Service:
-    """One service: its relative name, its ROS type, the node that serves it, and what it does."""
+    """One service.
+
+    Args:
+        name: relative.
+        service_type: its ROS type.
+        node: who serves it.
+        meaning: what it does.
+        callers: nodes that call it, beside operators.
+    """
 
     name: str
     service_type: str
     node: str
     meaning: str
+    callers: tuple[str, ...] = ()
 
 
 TOPICS = (
@@ -126,10 +143,18 @@ TOPICS = (
     Topic("detections/image", "sensor_msgs/msg/CompressedImage", "overlay to look at", ("object_detector",)),
     Topic(
         "grasp_state",
-        "diagnostic_msgs/msg/DiagnosticStatus",
+        _STATUS,
         "phase, mode, source, object, contact, air, reason; from the first pressures on",
         ("grasp_arbiter",),
         ("valve_controller",),
+        latched=True,
+    ),
+    Topic(
+        "valve_controller/state",
+        _STATUS,
+        "air, enabled, vent_latched: why a vent is latched, empty where none is",
+        ("valve_controller",),
+        ("grasp_arbiter",),
         latched=True,
     ),
     Topic(
@@ -138,6 +163,16 @@ TOPICS = (
         "wrist pose that lines the mode up with the object",
         ("grasp_arbiter",),
         latched=True,
+    ),
+    *(
+        Topic(
+            f"{node}/alive",
+            _HEADER,
+            "frame_id: host, process and run of the node; 20 Hz",
+            (node,),
+            (node, *_WATCHED_BY.get(node, ())),
+        )
+        for node in NODES
     ),
 )
 """All but ``/diagnostics``, on which every node reports its health, and the plant's ``/clock``."""
@@ -149,6 +184,20 @@ SERVICES = (
     Service("grasp/stop", TRIGGER, "grasp_arbiter", "vent everything at once and latch a fault"),
     Service("grasp/reset", TRIGGER, "grasp_arbiter", "clear a latched fault"),
     Service("valve_controller/enable", SET_BOOL, "valve_controller", "air on or off"),
+    Service(
+        "valve_controller/vent",
+        TRIGGER,
+        "valve_controller",
+        "vent everything at once, latched; needs no arbiter",
+        ("grasp_arbiter",),
+    ),
+    Service(
+        "valve_controller/clear",
+        TRIGGER,
+        "valve_controller",
+        "lift a latched vent; grasp/reset calls it",
+        ("grasp_arbiter",),
+    ),
     Service("object_detector/learn_background", TRIGGER, "object_detector", "take the next images as the empty table"),
     Service("pressure_sensor/zero", TRIGGER, "pressure_sensor", "take the vented reading as zero"),
     Service("plant/reset", TRIGGER, "plant", "put the scene back to its start"),

@@ -26,12 +26,14 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.markers import BASE_FRAME, colour, delete_all, mark_hidden_lengths, solid_marker
+from mbpam_ros.nodes.messages import seconds
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.vision.background import BackgroundError
 from mbpam_ros.vision.camera import CameraData, CameraError, Intrinsics, camera_pose, load_camera_config
 from mbpam_ros.vision.depth import DepthError, DepthImage, depth_in_metres
 from mbpam_ros.vision.detector import ImageError, ObjectDetector, Sighting, load_detector_config
 from mbpam_ros.vision.overlay import draw_overlay
+from mbpam_ros.vision.stillness import FrozenCamera, is_same_scene
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -47,6 +49,9 @@ PARAMETERS = (
     ),
     Parameter("background_frames", 5, "images of the empty table that learn_background takes", 1, 50, changeable=True),
     Parameter("depth_max_age_s", 0.2, "older depth images are not used [s]", 0.01, 5.0, changeable=True),
+    Parameter(
+        "frozen_after_s", 1.0, "the very same image for longer is a camera that has stopped [s]; 0: off", 0.0, 60.0
+    ),
     Parameter("jpeg_quality", 85, "quality of detections/image", 1, 100, changeable=True),
 )
 
@@ -79,7 +84,8 @@ class ObjectDetectorNode(GripperNode):
         self._seen_at_s: float | None = None
         self._refusals: dict[str, str] = {}
         self._seen: Sighting | None = None
-        self._found_in: tuple[object, ...] | None = None
+        self._found_in: tuple[tuple[object, ...], NDArray[np.uint8]] | None = None
+        self._frozen = FrozenCamera(self.number("frozen_after_s"))
         self._learning: list[NDArray[np.uint8]] | None = None
         self._work: tuple[Future[Sighting], Image, NDArray[np.uint8], tuple[object, ...]] | None = None
 
@@ -187,14 +193,15 @@ class ObjectDetectorNode(GripperNode):
             if self._intrinsics is None or self._distortion is None:
                 raise ImageError("no valid camera_info yet")
             image = _pixels(message)
+            self._frozen.check(seconds(message.header.stamp), message.data)
             if self._learning is not None:
                 self._learn(image, message.encoding, self._intrinsics, self._distortion)
             depth = self._depth if 0.0 <= now_s - self._depth_at_s <= self.number("depth_max_age_s") else None
             depth_m = self.number("support_depth_m")
-            # A still scene of the simulated camera repeats its image byte for byte: what was found stands.
-            told = (message.encoding, image.shape, self._intrinsics, self._distortion.tobytes(), depth_m, message.data)
+            told = (message.encoding, image.shape, self._intrinsics, self._distortion.tobytes(), depth_m)
             view = (*told, None if depth is None else depth.metres.tobytes(), id(self._detector.background))
-            if view == self._found_in:
+            # In a still scene what was found stands.
+            if self._found_in is not None and view == self._found_in[0] and is_same_scene(image, self._found_in[1]):
                 self._refusals.pop("image", None)
                 self._publish(message, image)
                 return
@@ -216,7 +223,7 @@ class ObjectDetectorNode(GripperNode):
         self._work = None
         self._poll.cancel()
         try:
-            self._seen, self._found_in = future.result(), view
+            self._seen, self._found_in = future.result(), (view, image)
         except _UNUSABLE as error:
             self._refuse("image", error)
             return

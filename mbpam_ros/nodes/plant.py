@@ -19,11 +19,12 @@ from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.actuator.planar_rod import RodSolutionError
+from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.log_forwarding import forward_logs
 from mbpam_ros.nodes.markers import BASE_FRAME, WORLD_FRAME, colour, finger_markers, solid_marker
-from mbpam_ros.nodes.messages import JointStateForm, MessageError, direction, named_values, time_stamp, with_answer
+from mbpam_ros.nodes.messages import JointStateForm, MessageError, direction, named_values, time_stamp
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.plant_camera import PlantCamera
 from mbpam_ros.plant.fidelity import Fidelity
@@ -96,9 +97,9 @@ class PlantNode(GripperNode):
         self._clock_topic = self.create_publisher(Clock, "/clock", STREAM) if self.value("publish_clock") else None
         self.create_subscription(JointState, "valve_commands", self._on_valve_commands, NEWEST)
         self.create_subscription(Vector3Stamped, "gravity", self._on_gravity, NEWEST)
-        self.create_service(Trigger, "plant/reset", self._on_reset)
-        self.create_service(Trigger, "plant/lift", lambda _, response: with_answer(response, self._plant.lift()))
-        self.create_service(Trigger, "plant/lower", lambda _, response: with_answer(response, self._plant.lower()))
+        self.serve(Trigger, "plant/reset", self._on_reset)
+        self.serve(Trigger, "plant/lift", lambda _: self._plant.lift())
+        self.serve(Trigger, "plant/lower", lambda _: self._plant.lower())
         self._lock_step = bool(self.value("lock_step"))
         self._ticks_at_timer = -1
         self._ticked_at_s = time.monotonic()
@@ -236,25 +237,21 @@ class PlantNode(GripperNode):
         palm = rise - (0.0, 0.0, PALM_SIZE_M[2] / 2.0)
         grey = colour((0.3, 0.3, 0.3))
         markers.append(solid_marker(self._stamp, WORLD_FRAME, "palm", 0, "box", PALM_SIZE_M, palm, upright, grey))
-        body, spec = observation.object_in_world, self._scene.object
-        if body is not None and spec is not None:
-            pose = (body.position_m, body.orientation_xyzw)
-            rgba = colour(spec.colour_rgb)
-            markers.append(solid_marker(self._stamp, WORLD_FRAME, "object", 0, spec.shape, spec.size_m, *pose, rgba))
+        for k, (placed, there) in enumerate(zip(self._scene.placed, observation.objects, strict=True)):
+            spec, namespace = placed.object, "object" if k == 0 else "other_object"
+            pose, rgba = (there.in_world.position_m, there.in_world.orientation_xyzw), colour(spec.colour_rgb)
+            markers.append(solid_marker(self._stamp, WORLD_FRAME, namespace, k, spec.shape, spec.size_m, *pose, rgba))
         self._markers.publish(MarkerArray(markers=markers))
 
     # Services
 
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_reset(self, _: Trigger.Request) -> Answer:
         if self.failure is not None:
-            response.success, response.message = False, f"{self.failure}; start the node anew"
-            return response
+            return Answer(False, f"{self.failure}; start the node anew")
         self._before_reset_s += self._plant.time_s
         self._plant.reset()
         self._spool = np.zeros(CHANNEL_COUNT)
-        response.success = True
-        response.message = f"scene {self._scene.name} is back at its start; set-points stand until grasp/release"
-        return response
+        return Answer(True, f"scene {self._scene.name} is back at its start; set-points stand until grasp/release")
 
 
 def main() -> int:

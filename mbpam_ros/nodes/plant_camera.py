@@ -23,18 +23,20 @@ OPTICAL_FRAME = "camera_optical"
 DEFAULT_FLOOR_DEPTH_M = 0.5
 STILL_TURN_RAD = 1e-3
 STILL_DISTANCE_M = 1e-4
+STILL_NOISE_VALUES = 500
 
 
 class PlantCamera:
     """Camera images of the simulated scene on ``camera/image_raw`` and ``camera/camera_info``; depth where asked for.
 
     One frame is rendered at a time in a thread of its own, so that a slow frame delays no transducer; a frame asked
-    for meanwhile is dropped, as a camera would. A scene that has not moved since the last frame is not rendered anew.
+    for meanwhile is dropped, as a camera would. A scene that has not moved since the last frame is not rendered anew,
+    but some of its noise is: pictures that repeat to the bit are those of a camera that has stopped.
 
     Args:
         node: publishes for it; its parameters ``camera`` and ``seed`` are read.
         gripper: size of the fingers.
-        scene: the object and its support.
+        scene: the objects and their support.
     """
 
     def __init__(self, node: GripperNode, gripper: Gripper, scene: Scene) -> None:
@@ -60,7 +62,7 @@ class PlantCamera:
             return
         pose = _pose_vector(observation)
         if self._last_data is not None and _is_still(pose, self._last_pose):
-            self._publish(self._last_data, stamp)
+            self._publish((self._with_fresh_noise(self._last_data[0]), self._last_data[1]), stamp)
             return
         self._last_pose = pose
         self._exposure = self._thread.submit(self._render, self._view(observation)), stamp
@@ -79,6 +81,14 @@ class PlantCamera:
         if not self._with_depth:
             return image, None
         return image, array.array("B", self._renderer.render_depth(view, self._rng).tobytes())
+
+    def _with_fresh_noise(self, data: array.array) -> array.array:
+        """Return a picture in which a few values are another grey level."""
+        fresh = array.array("B", data)
+        values = np.frombuffer(fresh, dtype=np.uint8)
+        where = self._rng.integers(len(values), size=STILL_NOISE_VALUES)
+        values[where] ^= 1
+        return fresh
 
     def _publish(self, frame: _Frame, stamp: Time) -> None:
         data, depth_data = frame
@@ -108,11 +118,16 @@ class PlantCamera:
             depth_m = support.depth_m + rise_m
             if support.half_size_m is not None and support.stand_height_m is not None:
                 half_size_m, floor_depth_m = support.half_size_m, depth_m + support.stand_height_m
-        solids: tuple[ColouredSolid, ...] = ()
-        body, spec = observation.object_in_gripper, self._scene.object
-        if body is not None and spec is not None:
-            size_m = np.array(spec.size_m)
-            solids = (ColouredSolid(spec.shape, size_m, body.position_m, body.orientation_xyzw, spec.colour_rgb),)
+        solids = tuple(
+            ColouredSolid(
+                placed.object.shape,
+                np.array(placed.object.size_m),
+                there.in_gripper.position_m,
+                there.in_gripper.orientation_xyzw,
+                placed.object.colour_rgb,
+            )
+            for placed, there in zip(self._scene.placed, observation.objects, strict=True)
+        )
         return SceneView(
             support_depth_m=depth_m,
             solids=solids,
@@ -139,9 +154,9 @@ def _pose_vector(observation: Observation) -> NDArray[np.float64]:
         observation.centreline_m.ravel() / STILL_DISTANCE_M,
         np.array([observation.hand_lift_m / STILL_DISTANCE_M]),
     ]
-    if observation.object_in_gripper is not None:
-        parts.append(observation.object_in_gripper.position_m / STILL_DISTANCE_M)
-        parts.append(observation.object_in_gripper.orientation_xyzw / STILL_TURN_RAD)
+    for there in observation.objects:
+        parts.append(there.in_gripper.position_m / STILL_DISTANCE_M)
+        parts.append(there.in_gripper.orientation_xyzw / STILL_TURN_RAD)
     return np.concatenate(parts)
 
 

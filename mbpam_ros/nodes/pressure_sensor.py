@@ -12,9 +12,10 @@ from sensor_msgs.msg import FluidPressure, JointState
 from std_srvs.srv import Trigger
 
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_NAMES, FINGER_COUNT
+from mbpam_ros.answer import Answer
 from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds, time_stamp
 from mbpam_ros.nodes.parameters import Parameter
-from mbpam_ros.nodes.stamps import StampClock
+from mbpam_ros.nodes.stamps import CLOCK_TOLERANCE, StampClock
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.sensing import (
     ChannelStatus,
@@ -31,7 +32,12 @@ PARAMETERS = (
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: transducers and how their volts are read"),
     Parameter("ambient_pressure_pa", 101325.0, "absolute ambient pressure [Pa]", 5e4, 1.2e5, changeable=True),
     Parameter("fluid_pressure_rate_hz", 10.0, "rate of the FluidPressure topics [Hz]", 0.1, 100.0),
+    Parameter("zero_forced", False, "zero takes readings far from the last zero, or unsteady, too", changeable=True),
+    CLOCK_TOLERANCE,
 )
+
+SILENCE_LOOKS = 5
+"""How often within the time after which a sample is missing the node looks for it."""
 
 
 class PressureSensorNode(GripperNode):
@@ -42,16 +48,16 @@ class PressureSensorNode(GripperNode):
         config = load_pneumatics(self.text("pneumatics"))
         self._sensing = PressureSensing(config.sensing, config.transducer)
         self._missing_time_s = config.sensing.missing_time_s
-        self._clock_of_samples = StampClock()
+        self._clock_of_samples = StampClock(self._missing_time_s, self.number("clock_tolerance_s"))
         self._reading: PressureReading | None = None
 
         self._states = self.create_publisher(JointState, "chamber_states", STREAM)
         self._pressures = JointStateForm(CHANNEL_NAMES)
         self._fluid = [self.create_publisher(FluidPressure, topic, STREAM) for topic in _fluid_topics()]
         self.create_subscription(JointState, "transducers", self._on_transducers, NEWEST)
-        self.create_service(Trigger, "pressure_sensor/zero", self._on_zero)
+        self.serve(Trigger, "pressure_sensor/zero", self._on_zero)
         self.create_timer(1.0 / self.number("fluid_pressure_rate_hz"), self._publish_fluid_pressures)
-        self.create_timer(self._missing_time_s, self._on_silence)
+        self.create_timer(self._missing_time_s / SILENCE_LOOKS, self._on_silence)
 
     def health(self) -> Health:
         """ERROR while a channel has no valid reading; the values say which and why."""
@@ -69,7 +75,7 @@ class PressureSensorNode(GripperNode):
     def _on_transducers(self, message: JointState) -> None:
         try:
             volts = named_values(message, CHANNEL_NAMES, "effort")
-            time_s = self._clock_of_samples.sample(seconds(message.header.stamp), self.now_s())
+            time_s = self._clock_of_samples.sample(seconds(message.header.stamp), self.now_s(), self.clock_s())
             self._reading = self._sensing.update(time_s, volts)
         except (MessageError, SensingInputError) as error:
             self.refuse("transducers", error)
@@ -101,15 +107,12 @@ class PressureSensorNode(GripperNode):
             message.variance = float(self._reading.variance_pa2[i])
             publisher.publish(message)
 
-    def _on_zero(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_zero(self, _: Trigger.Request) -> Answer:
         try:
-            correction_pa = self._sensing.zero()
+            correction_pa = self._sensing.zero(forced=bool(self.value("zero_forced")))
         except ZeroRefusedError as refusal:
-            response.success, response.message = False, str(refusal)
-        else:
-            response.success = True
-            response.message = f"zeroed; largest correction {abs(correction_pa).max():.0f} Pa"
-        return response
+            return Answer(False, str(refusal))
+        return Answer(True, f"zeroed; largest correction {abs(correction_pa).max():.0f} Pa")
 
 
 def _fluid_topics() -> list[str]:

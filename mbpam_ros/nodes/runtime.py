@@ -7,10 +7,11 @@ import inspect
 import signal
 import sys
 import time
+import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
 import rclpy
@@ -28,14 +29,19 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profi
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.timer import Timer
+from std_msgs.msg import Header
 
+from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
+from mbpam_ros.nodes.answering import AnsweringService, Reply
 from mbpam_ros.nodes.command_line import answer, node_name, rules_of_node
 from mbpam_ros.nodes.compiling import STOP_SIGNALS, compilation_announced, stop_signals_end_the_process
 from mbpam_ros.nodes.exit_timer import exits_after
+from mbpam_ros.nodes.heartbeat import LIFE_LOOK_S, PERIOD_S, Instance, SignsOfLife, alive_topic
 from mbpam_ros.nodes.lateness import Lateness
 from mbpam_ros.nodes.messages import time_stamp
 from mbpam_ros.nodes.parameters import Parameter, declare_parameters
+from mbpam_ros.nodes.protection import unprotected, without_security
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -67,7 +73,6 @@ WARNING_PERIOD_S = 1.0
 
 CLOCK_PATIENCE_S = 5.0
 
-LATENESS_PERIOD_S = 0.1
 LATENESS_MEMORY_S = 1.0
 
 LATE_S = 0.1
@@ -113,20 +118,20 @@ class GripperNode(Node):
         self.failure: str | None = None
         self._reported_level: bytes | None = None
         self._judged: Hashable = None
-        self._warned_at: dict[str, float] = {}
+        self._warn_again_at: dict[str, float] = {}
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._lateness = Lateness(LATENESS_PERIOD_S, LATENESS_MEMORY_S)
+        self._lateness = Lateness(PERIOD_S, LATENESS_MEMORY_S)
+        self._answering_services: list[AnsweringService] = []
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self.publish_health)
-        if self.value("use_sim_time"):  # then time waits for the computer
-            self.create_timer(
-                CLOCK_PATIENCE_S, self._warn_of_missing_clock, clock=Clock(clock_type=ClockType.STEADY_TIME)
-            )
-        else:
-            self.create_timer(
-                LATENESS_PERIOD_S,
-                lambda: self._lateness.call(time.monotonic()),
-                clock=Clock(clock_type=ClockType.STEADY_TIME),
-            )
+        if self.value("use_sim_time"):
+            self.create_timer(CLOCK_PATIENCE_S, self._warn_of_missing_clock, clock=self._steady_clock)
+        self.instance = Instance.of_this_process()
+        self.rivals: tuple[Instance, ...] = ()
+        self._sign_of_life = Header(frame_id=str(self.instance))
+        self._alive = self.create_publisher(Header, alive_topic(self.get_name()), STREAM)
+        self._same_name = self.signs_of(self.get_name())
+        self.create_timer(PERIOD_S, self._beat, clock=self._steady_clock)
 
     @abstractmethod
     def health(self) -> Health:
@@ -174,6 +179,13 @@ class GripperNode(Node):
         """
         return self.get_clock().now().nanoseconds * 1e-9 if self.value("use_sim_time") else time.monotonic()
 
+    def clock_s(self) -> float:
+        """Return the time with which the stamps of a stream are compared [s]; 0 under ``use_sim_time`` for none.
+
+        There one process makes both, and with a simulation set back a sample may come before the clock's own message.
+        """
+        return 0.0 if self.value("use_sim_time") else time.time()
+
     def now_stamp(self) -> Time:
         """Return the node's time as messages carry it."""
         # The wall clock read here costs a fifth of asking ROS for it.
@@ -184,12 +196,61 @@ class GripperNode(Node):
         worst_s = self._lateness.worst_s(time.monotonic())
         return worst_s if worst_s > LATE_S else 0.0
 
+    def signs_of(self, node_name: str) -> SignsOfLife:
+        """Return what is heard of the nodes of a name in this namespace."""
+        signs = SignsOfLife()
+        hear = lambda message: signs.hear(Instance.read(message.frame_id))  # noqa: E731
+        self.create_subscription(Header, alive_topic(node_name), hear, NEWEST)
+        return signs
+
+    def watch_node(self, node_name: str, changed: Callable[[tuple[Instance, ...]], None]) -> None:
+        """Have ``changed`` called with the runs of a node that are alive, whenever these change.
+
+        Before its first sign of life nothing is called: it may be none of ours, and give none.
+        """
+        signs = self.signs_of(node_name)
+        known: list[tuple[Instance, ...]] = [()]
+
+        def look() -> None:
+            alive = signs.look(time.monotonic())
+            if alive != known[0]:
+                known[0] = alive
+                changed(alive)
+
+        self.create_timer(LIFE_LOOK_S, look, clock=self._steady_clock)
+
+    def rivals_changed(self) -> None:
+        """Do what must be done when another node of this name appears or goes; ``self.rivals`` has them."""
+
+    def serve(self, service_type: type, name: str, answer: Callable[[Any], Answer]) -> None:
+        """Offer a service whose request is answered at once."""
+        self.serve_later(service_type, name, lambda request, reply: reply(answer(request)))
+
+    def serve_later(self, service_type: type, name: str, handle: Callable[[Any, Reply], None]) -> None:
+        """Offer a service whose answer is given to ``reply``, at once or later."""
+        self._answering_services.append(AnsweringService(self, service_type, name, handle))
+
+    def _beat(self) -> None:
+        """Give a sign of life, look for another node of this name, and send what answers wait."""
+        now_s = time.monotonic()
+        if not self.value("use_sim_time"):  # simulated time waits for the computer
+            self._lateness.call(now_s)
+        self._sign_of_life.stamp = self.now_stamp()
+        self._alive.publish(self._sign_of_life)
+        rivals = tuple(each for each in self._same_name.look(now_s) if each != self.instance)
+        if rivals != self.rivals:
+            self.rivals = rivals
+            self.rivals_changed()
+            self.publish_health()
+        for service in self._answering_services:
+            service.send_waiting()
+
     def refuse(self, source: str, error: object) -> None:
-        """Count an input that was not applied and warn about its source at most once a second."""
+        """Count an input that was not applied and warn about its source, at most once a second or as the error says."""
         self.refused_inputs += 1
         now = time.monotonic()
-        if now - self._warned_at.get(source, -WARNING_PERIOD_S) >= WARNING_PERIOD_S:
-            self._warned_at[source] = now
+        if now >= self._warn_again_at.get(source, now):
+            self._warn_again_at[source] = now + getattr(error, "repeat_s", WARNING_PERIOD_S)
             self.get_logger().warning(f"{source} refused: {error}")
 
     def fail(self, error: object) -> None:
@@ -202,7 +263,7 @@ class GripperNode(Node):
 
     def publish_health(self) -> None:
         """Publish the health report now."""
-        health = Health(DiagnosticStatus.ERROR, self.failure) if self.failure else self.health()
+        health = self._present_health()
         self._reported_level, self._judged = health.level, None
         values = {**health.values, "refused_inputs": str(self.refused_inputs)}
         message, late_s = health.message, self.late_s()
@@ -235,8 +296,18 @@ class GripperNode(Node):
         if cause is not None and cause == self._judged:
             return
         self._judged = cause
-        if self.health().level != self._reported_level:
+        if self._present_health().level != self._reported_level:
             self.publish_health()
+
+    def _present_health(self) -> Health:
+        if self.failure:
+            return Health(DiagnosticStatus.ERROR, self.failure)
+        health = self.health()
+        if not self.rivals:
+            return health
+        where = ", ".join(rival.words for rival in self.rivals)
+        twice = f"another node {self.get_fully_qualified_name()} runs: {where}; end one of them"
+        return Health(DiagnosticStatus.ERROR, twice, health.values)
 
 
 def run(*factories: Callable[..., GripperNode], arguments: Sequence[str] | None = None) -> int:
@@ -255,10 +326,14 @@ def run(*factories: Callable[..., GripperNode], arguments: Sequence[str] | None 
     if code is not None:
         return code
     stop_requested = _catch_stop_signals()
+    # What rclpy says besides when ROS refuses a node.
+    warnings.filterwarnings("ignore", "Failed to fini rosout publisher", RuntimeWarning)
+    if (warning := unprotected()) is not None:
+        print(f"warning: {warning}", file=sys.stderr)
     try:
         rclpy.init(args=None if arguments is None else list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's own errors: a file of parameters or a rule it cannot read
-        print(f"error: ROS arguments: {error}", file=sys.stderr)
+        print(f"error: {without_security(error) or f'ROS arguments: {error}'}", file=sys.stderr)
         return 2
     executor = EventsExecutor()
     nodes: list[GripperNode] = []
@@ -310,6 +385,12 @@ def _live(
         return 0
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
+        return 2
+    except RuntimeError as error:
+        refusal = without_security(error)
+        if refusal is None:
+            raise
+        print(f"error: {refusal}", file=sys.stderr)
         return 2
 
 

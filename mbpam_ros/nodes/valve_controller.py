@@ -6,16 +6,19 @@ import sys
 from typing import TYPE_CHECKING
 
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
+from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds, with_answer
+from mbpam_ros.nodes.heartbeat import Instance
+from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds
 from mbpam_ros.nodes.parameters import Parameter
-from mbpam_ros.nodes.stamps import StampClock
+from mbpam_ros.nodes.publishers import rival_publishers
+from mbpam_ros.nodes.stamps import CLOCK_TOLERANCE, StampClock
 from mbpam_ros.pneumatics.air_switch import Air, AirSwitch
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.controller import ControllerInputError, PressureController, SetpointError, ValveFault
@@ -28,7 +31,14 @@ PARAMETERS = (
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: gains, limits and watchdog of the loops"),
     Parameter("enable_at_start", False, "follow set-points from the start, without valve_controller/enable"),
     Parameter("watchdog_rate_hz", 50.0, "how often silence of the pressures is looked for [Hz]", 10.0, 1000.0),
+    Parameter("grasp_arbiter_node", "grasp_arbiter", "name of the node that decides"),
+    CLOCK_TOLERANCE,
 )
+
+SOLE_PUBLISHER_TOPICS = ("transducers", "chamber_states", "pressure_setpoints", "grasp_state", "valve_commands")
+"""What moves air, and what it is moved by: two who publish one of these are a fault."""
+
+PUBLISHERS_LOOK_S = 0.25
 
 
 class ValveControllerNode(GripperNode):
@@ -45,16 +55,26 @@ class ValveControllerNode(GripperNode):
         except ValueError as error:
             raise ConfigError(f"{self.value('gripper')} against {self.value('pneumatics')}: {error}") from error
         self._hold_time_s = config.hold_time_s
-        self._clock_of_pressures = StampClock()
+        self._clock_of_pressures = StampClock(config.watchdog_s, self.number("clock_tolerance_s"))
+        self._clock_of_setpoints = StampClock(tolerance_s=self.number("clock_tolerance_s"))
         self._switch = AirSwitch(self._controller, bool(self.value("enable_at_start")))
 
         self._commands = self.create_publisher(JointState, "valve_commands", STREAM)
         self._openings = JointStateForm(CHANNEL_NAMES)
+        self._state = self.create_publisher(DiagnosticStatus, "valve_controller/state", LATCHED)
+        self._publishers_contested: str | None = None
         self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
         self.create_subscription(JointState, "pressure_setpoints", self._on_setpoints, STREAM)
         self.create_subscription(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
-        self.create_service(SetBool, "valve_controller/enable", self._on_enable)
+        self.serve(SetBool, "valve_controller/enable", self._on_enable)
+        self.serve(
+            Trigger, "valve_controller/vent", lambda _: self._change(self._switch.vent("asked for by an operator"))
+        )
+        self.serve(Trigger, "valve_controller/clear", lambda _: self._change(self._switch.clear()))
+        self.watch_node(self.text("grasp_arbiter_node"), self._on_arbiters)
         self.create_timer(1.0 / self.number("watchdog_rate_hz"), self._on_silence)
+        self.create_timer(PUBLISHERS_LOOK_S, self._look_at_publishers, clock=self._steady_clock)
+        self._publish_state()
 
     def health(self) -> Health:
         """ERROR with the channels at fault; WARN while the air is off."""
@@ -64,9 +84,11 @@ class ValveControllerNode(GripperNode):
             if fault is not ValveFault.NONE
         }
         air = self._switch.air
-        values = {"enabled": str(self._switch.switched_on).lower(), "air": air.value, **faults}
+        values = {**self._air_values(), **faults}
         if faults:
             return Health(DiagnosticStatus.ERROR, f"{len(faults)} of 16 channels at fault", values)
+        if self._switch.objection is not None:
+            return Health(DiagnosticStatus.ERROR, self._switch.objection, values)
         if air is not Air.REGULATE:
             return Health(DiagnosticStatus.WARN, f"{air.value} after a stop or fault; see grasp_state", values)
         if not self._switch.switched_on:
@@ -78,8 +100,61 @@ class ValveControllerNode(GripperNode):
         openings = [self._switch.parting_opening] * len(CHANNEL_NAMES)
         self._commands.publish(self._openings.filled(self.now_stamp(), position=openings))
 
+    def rivals_changed(self) -> None:
+        """Move no air while another valve controller commands the same valves."""
+        rivals = ", ".join(rival.words for rival in self.rivals)
+        self._contest("name", f"another {self.get_fully_qualified_name()} runs: {rivals}" if rivals else None)
+
+    def _on_arbiters(self, alive: tuple[Instance, ...]) -> None:
+        """Take notice of how many arbiters live."""
+        if alive:
+            self._switch.find_arbiter()
+        else:
+            self._switch.lose_arbiter()
+        name = self.text("grasp_arbiter_node")
+        where = ", ".join(each.words for each in alive)
+        self._contest("arbiters", f"{len(alive)} nodes {name} run: {where}" if len(alive) > 1 else None)
+
+    def _look_at_publishers(self) -> None:
+        found = rival_publishers(self, SOLE_PUBLISHER_TOPICS)
+        if found != self._publishers_contested:
+            self._publishers_contested = found
+            self._contest("publishers", found)
+
+    def _contest(self, by: str, reason: str | None) -> None:
+        self._switch.contest(by, reason)
+        self._publish_state()
+        self.publish_health()
+
+    def _change(self, answer: Answer) -> Answer:
+        """Tell of a change before its answer does."""
+        self._publish_state()
+        self.publish_health()
+        return answer
+
+    def _air_values(self) -> dict[str, str]:
+        return {
+            "enabled": str(self._switch.switched_on).lower(),
+            "air": self._switch.air.value,
+            "vent_latched": self._switch.vent_reason,
+        }
+
+    def _publish_state(self) -> None:
+        values = self._air_values()
+        air = self._switch.air
+        level = DiagnosticStatus.OK if air is Air.REGULATE else DiagnosticStatus.WARN
+        self._state.publish(
+            DiagnosticStatus(
+                level=level,
+                name=f"{self.get_namespace().rstrip('/')}/valves",
+                message=self._switch.objection or self._switch.vent_reason or air.value,
+                values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            )
+        )
+
     def _on_setpoints(self, message: JointState) -> None:
         try:
+            self._clock_of_setpoints.order(seconds(message.header.stamp), self.clock_s())
             first = self._switch.request(named_values(message, CHANNEL_NAMES, "effort"))
         except (MessageError, SetpointError) as error:
             self.refuse("pressure_setpoints", error)
@@ -90,7 +165,7 @@ class ValveControllerNode(GripperNode):
     def _on_chamber_states(self, message: JointState) -> None:
         try:
             pressure_gauge_pa = named_values(message, CHANNEL_NAMES, "effort")
-            time_s = self._clock_of_pressures.sample(seconds(message.header.stamp), self.now_s())
+            time_s = self._clock_of_pressures.sample(seconds(message.header.stamp), self.now_s(), self.clock_s())
             spool = self._controller.update(time_s, pressure_gauge_pa)
         except (MessageError, ControllerInputError) as error:
             self.refuse("chamber_states", error)
@@ -109,19 +184,19 @@ class ValveControllerNode(GripperNode):
 
     def _on_grasp_state(self, state: DiagnosticStatus) -> None:
         """Follow the arbiter's word on the air in the next command, without waiting for set-points or measurements."""
+        said = {item.key: item.value for item in state.values}
         try:
-            air = Air(next((item.value for item in state.values if item.key == "air"), "none given"))
+            air = Air(said.get("air", "none given"))
         except ValueError as error:
             self.refuse("grasp_state", error)
             return
-        if self._switch.obey(air):
+        if self._switch.obey(air, said.get("phase") == "closing", said.get("reason", "")):
+            self._publish_state()
             self.publish_health()
 
-    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+    def _on_enable(self, request: SetBool.Request) -> Answer:
         answer = self._switch.switch(request.data)
-        if answer.accepted:
-            self.publish_health()
-        return with_answer(response, answer)
+        return self._change(answer) if answer.accepted else answer
 
     def _publish_change_of_faults(self) -> None:
         self.publish_health_change((self._controller.faults, self._switch.air, self._switch.switched_on))

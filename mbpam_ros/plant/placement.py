@@ -1,8 +1,10 @@
-"""A scene's object and supports set among the muscles; what would start inside something else is refused."""
+"""A scene's objects and supports set among the muscles; what would start inside something else is refused."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +12,13 @@ from numpy.typing import NDArray
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.geometry.rotations import rotation_matrix
-from mbpam_ros.geometry.solids import distance_m, half_height
+from mbpam_ros.geometry.solids import distance_m, half_height, surface_points_m
 from mbpam_ros.gripper import Gripper
-from mbpam_ros.plant.scene import Scene
+from mbpam_ros.plant.scene import PlacedObject, Scene
 from mbpam_ros.plant.tiers.base import PlantConfig, RigidBody, TierSetup
+
+MOST_OBJECTS = 32
+"""Each pair has room of its own in the table of contacts."""
 
 REST_TOLERANCE_M = 0.002
 """How deep in a support anything may start."""
@@ -28,10 +33,11 @@ def placed(scene: Scene, gripper: Gripper, config: PlantConfig, contact: bool) -
         scene: what is there besides the muscles.
         gripper: the muscles and where they stand.
         config: constants of muscles and contacts, but for those that the scene gives.
-        contact: whether anything touches; otherwise the object may start inside a finger.
+        contact: whether anything touches; otherwise objects may start inside a finger and each other.
 
     Raises:
-        ConfigError: the object starts inside its support, the palm or a finger, or a muscle inside the table.
+        ConfigError: an object starts inside a support, the palm, a finger or another object, or a muscle inside the
+            table; or there are more than :data:`MOST_OBJECTS`.
     """
     planes = np.empty((0, 3)) if scene.support is None else scene.support.planes_m
     if len(planes) and planes[-1, 0] < gripper.geometry.length_m - REST_TOLERANCE_M:
@@ -39,18 +45,23 @@ def placed(scene: Scene, gripper: Gripper, config: PlantConfig, contact: bool) -
             f"scene {scene.name}: the table is {planes[-1, 0]:g} m under the palm, the hanging muscles reach "
             f"{gripper.geometry.length_m:g} m; use a deeper table, or a slim stand on one (half_size_m, stand_height_m)"
         )
-    body = _body(scene)
-    if body is not None and contact:
-        _refuse_inside_a_finger(scene, body, gripper)
+    if len(scene.placed) > MOST_OBJECTS:
+        raise ConfigError(f"scene {scene.name}: {len(scene.placed)} objects; at most {MOST_OBJECTS} are computed")
+    bodies = [_body(scene, each) for each in scene.placed]
+    if contact:
+        for each, body in zip(scene.placed, bodies, strict=True):
+            _refuse_inside_a_finger(scene, each, body, gripper)
+        _refuse_inside_each_other(scene, bodies)
     return TierSetup(
-        geometry=gripper.geometry,
+        geometry=gripper.rod_geometry,
         finger_base_m=gripper.finger_base_m,
         gravity_m_s2=scene.gravity_m_s2,
-        body=body,
+        body=bodies[0] if bodies else None,
         planes_m=planes,
         config=_with_own_contact(config, scene),
         fingers_touch=scene.fingers_touch,
         gravity_direction=scene.gravity_direction,
+        others=tuple(bodies[1:]),
     )
 
 
@@ -63,35 +74,69 @@ def _with_own_contact(config: PlantConfig, scene: Scene) -> PlantConfig:
     return dataclasses.replace(config, finger_object=kind)
 
 
-def _body(scene: Scene) -> RigidBody | None:
-    spec = scene.object
-    if spec is None:
-        return None
-    position, orientation = np.array(scene.object_position_m), scene.object_orientation_xyzw
+def _body(scene: Scene, placed: PlacedObject) -> RigidBody:
+    spec, name = placed.object, _called(scene, placed)
+    position, orientation = np.array(placed.object_position_m), placed.orientation_xyzw
     reach = half_height(spec.shape, spec.size_m, orientation)
     if position[2] < reach - REST_TOLERANCE_M:
         raise ConfigError(
-            f"scene {scene.name}: the object starts {1e3 * (reach - position[2]):.1f} mm inside the palm; "
+            f"scene {scene.name}: {name} starts {1e3 * (reach - position[2]):.1f} mm inside the palm; "
             f"set the third of object_position_m to {reach:.4f} or more"
         )
-    if scene.support is not None:
-        inside = position[2] + reach - scene.support.depth_m
-        if inside > REST_TOLERANCE_M:
+    body = RigidBody(spec.shape, spec.size_m, spec.mass_kg, position, orientation)
+    for depth_m, half_x_m, half_y_m in () if scene.support is None else scene.support.planes_m:
+        inside = position[2] + reach - depth_m
+        if inside <= REST_TOLERANCE_M or (scene.others and _beside(body, half_x_m, half_y_m)):
+            continue
+        if scene.others:
             raise ConfigError(
-                f"scene {scene.name}: the object starts {1e3 * inside:.1f} mm inside its support; "
-                f"set support.depth_m to {scene.support.depth_m + inside:.4f}"
+                f"scene {scene.name}: {name} starts {1e3 * inside:.1f} mm inside its support; set the third of its "
+                f"object_position_m to {depth_m - reach:.4f} or less"
             )
-    return RigidBody(spec.shape, spec.size_m, spec.mass_kg, position, orientation)
+        raise ConfigError(
+            f"scene {scene.name}: {name} starts {1e3 * inside:.1f} mm inside its support; "
+            f"set support.depth_m to {depth_m + inside:.4f}"
+        )
+    return body
 
 
-def _refuse_inside_a_finger(scene: Scene, body: RigidBody, gripper: Gripper) -> None:
+def _called(scene: Scene, placed: PlacedObject) -> str:
+    return placed.object.name if scene.others else "the object"
+
+
+def _beside(body: RigidBody, half_x_m: float, half_y_m: float) -> bool:
+    """Whether no point of an object is over a footprint."""
+    points = surface_points_m(body.shape, body.size_m) @ rotation_matrix(body.orientation_xyzw).T + body.position_m
+    low, high = points.min(axis=0), points.max(axis=0)
+    return bool(low[0] > half_x_m or high[0] < -half_x_m or low[1] > half_y_m or high[1] < -half_y_m)
+
+
+def _refuse_inside_a_finger(scene: Scene, placed: PlacedObject, body: RigidBody, gripper: Gripper) -> None:
     clearance = _finger_clearance_m(body, gripper.geometry, gripper.finger_base_m)
     finger = int(np.argmin(clearance))
     if clearance[finger] < -REST_TOLERANCE_M:
         raise ConfigError(
-            f"scene {scene.name}: the object starts {-1e3 * clearance[finger]:.1f} mm inside finger {finger + 1} as it "
-            "hangs; move object_position_m away from it, turn the object (object_yaw_rad), or use a smaller one"
+            f"scene {scene.name}: {_called(scene, placed)} starts {-1e3 * clearance[finger]:.1f} mm inside finger "
+            f"{finger + 1} as it hangs; move object_position_m away from it, turn the object (object_yaw_rad), or use "
+            "a smaller one"
         )
+
+
+def _refuse_inside_each_other(scene: Scene, bodies: Sequence[RigidBody]) -> None:
+    for (one, first), (other, second) in itertools.combinations(zip(scene.placed, bodies, strict=True), 2):
+        inside = -min(_lowest_distance_m(first, second), _lowest_distance_m(second, first))
+        if inside > REST_TOLERANCE_M:
+            raise ConfigError(
+                f"scene {scene.name}: {one.object.name} and {other.object.name} start {1e3 * inside:.1f} mm inside "
+                "each other; move one of them (object_position_m)"
+            )
+
+
+def _lowest_distance_m(solid: RigidBody, other: RigidBody) -> float:
+    """Return the smallest distance of the other's surface from a solid, sought point by point; negative inside."""
+    points = surface_points_m(other.shape, other.size_m) @ rotation_matrix(other.orientation_xyzw).T
+    own = (points + other.position_m - solid.position_m) @ rotation_matrix(solid.orientation_xyzw)
+    return float(distance_m(solid.shape, solid.size_m, own).min())
 
 
 def _finger_clearance_m(

@@ -192,9 +192,12 @@ def _unlike(
     scene: Scene, kinds: tuple[str, ...], table: FidelityTable, pressure_gauge_pa: float | None
 ) -> tuple[tuple[str, ...], float]:
     """Return what of a scene is outside the ranges of the table, in words, and the factor on its errors."""
-    if not table.ranges:
-        return (), 1.0
     told, factor = [], 1.0
+    if scene.others:
+        told.append(f"{len(scene.placed)} objects, measured with one")
+        factor += len(scene.others)
+    elif not table.ranges:
+        return (), 1.0
     for name, value in features_of(scene, pressure_gauge_pa).items():
         spans = [table.ranges[kind][name] for kind in kinds if name in table.ranges.get(kind, {})]
         if not spans:

@@ -23,6 +23,7 @@ from mbpam_ros.plant.planner import choose_fidelity
 from mbpam_ros.plant.scene import Scene
 from mbpam_ros.plant.tiers.base import (
     Actuation,
+    BodyForces,
     BodyState,
     PlantConfig,
     PlantDivergedError,
@@ -46,6 +47,23 @@ class StepSizeError(MbpamError, ValueError):
 
 
 @dataclass(frozen=True)
+class SeenObject:
+    """One of the objects of a scene.
+
+    Args:
+        name: its own in the scene.
+        in_world: pose and velocity, world frame.
+        in_gripper: the same seen from the hand, in ``gripper_base``.
+        forces: of fingers, supports, palm and other objects on it.
+    """
+
+    name: str
+    in_world: BodyState
+    in_gripper: BodyState
+    forces: BodyForces
+
+
+@dataclass(frozen=True)
 class Observation:
     """What can be known of the plant after a step. World frame: ``gripper_base`` at the start, z down.
 
@@ -57,10 +75,11 @@ class Observation:
             shape (4, 2).
         centreline_m: points of the fingers' centre lines in ``gripper_base``, clamp to tip, shape (4, n, 3).
         hand_lift_m: rise of the hand.
-        object_in_world: pose and velocity of the object, world frame; none without an object.
+        object_in_world: pose and velocity of the first object, world frame; none without an object.
         object_in_gripper: the same seen from the hand, in ``gripper_base``.
-        finger_force_n: force of each finger on the object, world frame, shape (4, 3).
-        support_force_n, palm_force_n: force of the support and of the palm on the object, world frame, shape (3,).
+        finger_force_n: force of each finger on the first object, world frame, shape (4, 3).
+        support_force_n, palm_force_n: force of the support and of the palm on it, world frame, shape (3,).
+        objects: all of them, the first too.
     """
 
     time_s: float
@@ -75,6 +94,7 @@ class Observation:
     finger_force_n: Array
     support_force_n: Array
     palm_force_n: Array
+    objects: tuple[SeenObject, ...] = ()
 
 
 def build_plant(
@@ -96,8 +116,8 @@ def build_plant(
         seed: of the transducers' noise. The same seed and steps give the same bits.
 
     Raises:
-        ConfigError: a file is wrong, the object starts inside its support, the palm or a finger, or no plan fits the
-            scene.
+        ConfigError: a file is wrong, an object starts inside a support, the palm, a finger or another object, or no
+            plan fits the scene.
         TierError: no such tier, or it cannot compute what the scene holds.
         PneumaticsInputError: no such pneumatic model.
     """
@@ -113,11 +133,12 @@ def build_plant(
         lift=HandLift(scene.lift),
         sub_step_s=fidelity.sub_step_s,
         seed=seed,
+        object_names=tuple(placed.object.name for placed in scene.placed),
     )
 
 
 class Plant:
-    """Valves, chambers, muscles, object and arm of one scene. Build it with :func:`build_plant`."""
+    """Valves, chambers, muscles, objects and arm of one scene. Build it with :func:`build_plant`."""
 
     def __init__(
         self,
@@ -128,14 +149,16 @@ class Plant:
         lift: HandLift,
         sub_step_s: float,
         seed: int,
+        object_names: tuple[str, ...] = (),
     ) -> None:
+        self._object_names = object_names
         self._tier, self._law, self._chambers, self._lift = tier, law, chambers, lift
         self._pneumatics, self._seed = pneumatics, seed
         self.sub_step_s = sub_step_s
         self.reset()
 
     def reset(self) -> None:
-        """Put everything back to the start: vented, at rest, hand down, object in place, noise from its seed."""
+        """Put everything back to the start: vented, at rest, hand down, objects in place, noise from its seed."""
         self._sub_steps = 0
         self._failure: str | None = None
         self._lift.reset()
@@ -198,14 +221,10 @@ class Plant:
         """Return the present state; asking twice gives the same."""
         state = self._tier.state()
         height, velocity = (float(value) for value in self._lift.motion(self.time_s))
-        seen = None
-        if state.body is not None:
-            # gripper_base keeps its axes and moves along -z.
-            seen = dataclasses.replace(
-                state.body,
-                position_m=state.body.position_m + (0.0, 0.0, height),
-                velocity_m_s=state.body.velocity_m_s + (0.0, 0.0, velocity),
-            )
+        objects = tuple(
+            SeenObject(name, body, _from_hand(body, height, velocity), forces)
+            for name, body, forces in zip(self._object_names, state.bodies, state.body_forces, strict=True)
+        )
         return Observation(
             time_s=self.time_s,
             pressure_gauge_pa=self._pressure.copy(),
@@ -215,10 +234,11 @@ class Plant:
             centreline_m=state.centreline_m,
             hand_lift_m=height,
             object_in_world=state.body,
-            object_in_gripper=seen,
+            object_in_gripper=objects[0].in_gripper if objects else None,
             finger_force_n=state.finger_force_n,
             support_force_n=state.support_force_n,
             palm_force_n=state.palm_force_n,
+            objects=objects,
         )
 
     def _count_sub_steps(self, dt_s: float) -> int:
@@ -248,3 +268,12 @@ class Plant:
         pressure = pressure_gauge_pa.reshape(FINGER_COUNT, CHAMBERS_PER_FINGER)
         strain = self._law.strain_law(pressure) if self._tier.has_strain else None
         return Actuation(*self._law.moment_and_stiffness(pressure), strain)
+
+
+def _from_hand(body: BodyState, height_m: float, velocity_m_s: float) -> BodyState:
+    """Return what is seen from the hand: ``gripper_base`` keeps its axes and moves along -z."""
+    return dataclasses.replace(
+        body,
+        position_m=body.position_m + (0.0, 0.0, height_m),
+        velocity_m_s=body.velocity_m_s + (0.0, 0.0, velocity_m_s),
+    )

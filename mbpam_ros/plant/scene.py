@@ -1,10 +1,12 @@
-"""What is in a scene: the object, what it rests on, gravity, the lift. Scene files also say how to compute it."""
+"""What is in a scene: the objects, what they rest on, gravity, the lift. Scene files also say how to compute it."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +93,27 @@ class SupportConfig:
 
 
 @dataclass(frozen=True)
+class PlacedObject:
+    """An object and where it starts.
+
+    Args:
+        object: what it is; a file names one of ``objects.yaml``.
+        object_position_m: its centre, world frame.
+        object_yaw_rad: turn about z; 0 lays a rod along y.
+    """
+
+    object: ObjectSpec
+    object_position_m: tuple[float, float, float]
+    object_yaw_rad: float = 0.0
+
+    @property
+    def orientation_xyzw(self) -> NDArray[np.float64]:
+        """Orientation at the start, (4,): a cylinder lies along y turned by the yaw."""
+        yaw = about_z(self.object_yaw_rad)
+        return np.array(yaw if self.object.shape != "cylinder" else product(yaw, _Z_LAID_ALONG_Y))
+
+
+@dataclass(frozen=True)
 class Scene:
     """What is there. World frame: ``gripper_base`` at the start, z down.
 
@@ -107,6 +130,8 @@ class Scene:
         fingers_touch: whether fingers touch each other (tiers arc and rod); otherwise they pass through each other.
         gravity_direction: along which gravity acts, of any length but zero; made one of length 1. +z: the hand hangs;
             -z: it stands; supports stay level in ``gripper_base``. The tier static knows +z only.
+        others: further objects, each with a name of its own; given with ``object``. A file lists them all, the one to
+            grasp first, under ``objects`` instead of ``object`` and what belongs to it.
     """
 
     name: str
@@ -120,6 +145,7 @@ class Scene:
     contact_stiffness_n_m: float | None = None
     fingers_touch: bool = True
     gravity_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    others: tuple[PlacedObject, ...] = ()
 
     def __post_init__(self) -> None:
         length = math.hypot(*self.gravity_direction)
@@ -128,18 +154,28 @@ class Scene:
         object.__setattr__(self, "gravity_direction", tuple(part / length for part in self.gravity_direction))
         if (self.object is None) != (self.object_position_m is None):
             raise ValueError("object and object_position_m must both be given or both be null")
+        if self.others and self.object is None:
+            raise ValueError("others are further objects: give object and object_position_m, or list all under objects")
+        names = [placed.object.name for placed in self.placed]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise ValueError(f"two objects are named {twice}; give each a name of its own (key name under objects)")
         if self.friction_coefficient is not None and self.friction_coefficient < 0.0:
             raise ValueError(f"friction_coefficient must not be negative, found {self.friction_coefficient}")
         if self.contact_stiffness_n_m is not None:
             require_positive(self, "contact_stiffness_n_m")
 
     @property
+    def placed(self) -> tuple[PlacedObject, ...]:
+        """All objects, the one to grasp first."""
+        if self.object is None or self.object_position_m is None:
+            return ()
+        return (PlacedObject(self.object, self.object_position_m, self.object_yaw_rad), *self.others)
+
+    @property
     def object_orientation_xyzw(self) -> NDArray[np.float64]:
         """Orientation of the object at the start, (4,): a cylinder lies along y turned by the yaw."""
-        yaw = about_z(self.object_yaw_rad)
-        if self.object is None or self.object.shape != "cylinder":
-            return np.array(yaw)
-        return np.array(product(yaw, _Z_LAID_ALONG_Y))
+        return self.placed[0].orientation_xyzw if self.placed else np.array(about_z(self.object_yaw_rad))
 
 
 def scene_names() -> tuple[str, ...]:
@@ -175,12 +211,43 @@ def load_scene(name: str | Path) -> tuple[Scene, FidelityRequest]:
             raise ConfigError(f"no scene {str(name)!r}; known: {', '.join(scene_names())}; or give a .yaml file")
         file = Path("scenes") / f"{name}.yaml"
     content = load_yaml(file)
-    if content.get("object") is not None:
+    if "objects" in content:
+        content |= _first_and_others(content.pop("objects"), content, str(file), stem)
+    elif content.get("object") is not None:
         content["object"] = _object(str(content["object"]), stem)
     scene, request = parse_together((Scene, FidelityRequest), content, str(file), name=stem)
     if request.tier != AUTO and request.sub_step_s is None:
         raise ConfigError(f"{file}: sub_step_s must be given with tier {request.tier}; only tier auto chooses one")
     return scene, request
+
+
+_OF_ONE_OBJECT = ("object", "object_position_m", "object_yaw_rad")
+
+
+def _first_and_others(listed: object, content: dict[str, Any], file: str, scene_name: str) -> dict[str, Any]:
+    """Return what a file's ``objects`` say, under the keys of :class:`Scene`."""
+    both = [key for key in (*_OF_ONE_OBJECT, "others") if content.get(key) is not None]
+    if both:
+        raise ConfigError(f"{file}: {', '.join(both)} and objects: give one object, or a list of all under objects")
+    if not isinstance(listed, list) or not listed:
+        raise ConfigError(f"{file}: objects: expected a list with an entry for each object, found {listed!r}")
+    placed = [_placed(entry, f"{file}: objects[{place}]", scene_name) for place, entry in enumerate(listed)]
+    first = placed[0]
+    return {
+        "object": first.object,
+        "object_position_m": list(first.object_position_m),
+        "object_yaw_rad": first.object_yaw_rad,
+        "others": placed[1:],
+    }
+
+
+def _placed(entry: object, where: str, scene_name: str) -> PlacedObject:
+    if not isinstance(entry, dict) or entry.get("object") is None:
+        raise ConfigError(f"{where}: expected keys {', '.join(_OF_ONE_OBJECT)} and maybe name, found {entry!r}")
+    spec, keys = _object(str(entry["object"]), scene_name), {key: entry[key] for key in entry if key != "name"}
+    if entry.get("name") is not None:
+        spec = dataclasses.replace(spec, name=str(entry["name"]))
+    return parse_config(PlacedObject, {**keys, "object": spec}, where)
 
 
 def _object(name: str, scene_name: str) -> ObjectSpec:

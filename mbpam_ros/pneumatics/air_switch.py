@@ -5,8 +5,20 @@ the arbiter  operator on, set-points operator off, or no set-points yet        e
 ============ ======================= ========================================= =====================
 regulate     loops follow them       valves closed                             by hold or vent
 hold         valves closed           valves closed                             by regulate or vent
-vent         all open to ambient     all open to ambient                       by regulate alone
+vent         all open to ambient     all open to ambient                       by clear and regulate
 ============ ======================= ========================================= =====================
+
+A vent is latched, whoever asked for it: the arbiter's word, or the operator beside it (``valve_controller/vent``). An
+arbiter started anew, which knows of none, does not lift it; only a clear does, which ``grasp/reset`` asks for.
+
+What the arbiter says is worth something only while there is one, and no more than one:
+
+===================================== ======================= =============== ===================
+                                      a grasp that closes     one that holds  new set-points
+===================================== ======================= =============== ===================
+the arbiter has fallen silent         vented, latched         goes on         refused
+two of one name, or two who command   vented, latched         valves closed   refused
+===================================== ======================= =============== ===================
 
 Over-pressure vents its chamber whatever is said here (:class:`~mbpam_ros.pneumatics.controller.PressureController`).
 """
@@ -18,7 +30,7 @@ from enum import Enum
 from numpy.typing import ArrayLike
 
 from mbpam_ros.answer import Answer
-from mbpam_ros.pneumatics.controller import PressureController
+from mbpam_ros.pneumatics.controller import PressureController, SetpointError
 
 
 class Air(Enum):
@@ -44,12 +56,21 @@ class AirSwitch:
         self._controller = controller
         self._switched_on = switched_on
         self._air = Air.REGULATE
+        self._closing = False
         self._has_setpoints = False
+        self._vent_reason = ""
+        self._arbiter_lost = False
+        self._contested: dict[str, str] = {}
 
     @property
     def air(self) -> Air:
-        """The arbiter's word that holds."""
-        return self._air
+        """What the valves do: the arbiter's word, unless a vent is latched."""
+        return Air.VENT if self._vent_reason else self._air
+
+    @property
+    def vent_reason(self) -> str:
+        """Why a vent is latched; empty where none is."""
+        return self._vent_reason
 
     @property
     def switched_on(self) -> bool:
@@ -57,16 +78,25 @@ class AirSwitch:
         return self._switched_on
 
     @property
+    def objection(self) -> str | None:
+        """Why nobody's set-points are taken now, or None."""
+        if self._contested:
+            return "; ".join(self._contested.values())
+        return "the arbiter has fallen silent" if self._arbiter_lost else None
+
+    @property
     def parting_opening(self) -> float:
         """Spool opening to leave all valves with when nobody will move them afterwards: closed, or venting."""
-        return -1.0 if self._air is Air.VENT else 0.0
+        return -1.0 if self.air is Air.VENT else 0.0
 
     def request(self, setpoint_gauge_pa: ArrayLike) -> bool:
         """Take set-points, shape (16,) [Pa gauge]; return whether they are the first, which may open valves.
 
         Raises:
-            SetpointError: as :meth:`PressureController.request`; nothing was changed.
+            SetpointError: as :meth:`PressureController.request`, or nobody may ask now; nothing was changed.
         """
+        if self.objection is not None:
+            raise SetpointError(f"no set-points are taken: {self.objection}")
         self._controller.request(setpoint_gauge_pa)
         if self._has_setpoints:
             return False
@@ -74,33 +104,71 @@ class AirSwitch:
         self._apply()
         return True
 
-    def obey(self, air: Air) -> bool:
-        """Take the arbiter's word; return whether it changed anything.
-
-        An arbiter started anew does not know of a stop before it and would keep what is still in the chambers: a vent
-        does not yield to a hold.
-        """
-        if air is self._air or (self._air is Air.VENT and air is Air.HOLD):
+    def obey(self, air: Air, closing: bool = False, reason: str = "") -> bool:
+        """Take the arbiter's word, whether a grasp closes now, and why; return whether the word changed anything."""
+        self._closing = closing
+        if air is self._air:
             return False
-        self._air = air
+        before, self._air = self.air, air
+        if air is Air.VENT and not self._vent_reason:
+            self._vent_reason = reason or "the arbiter said so"
         self._apply()
-        return True
+        return self.air is not before
+
+    def vent(self, reason: str) -> Answer:
+        """Vent everything at once, and until it is cleared."""
+        self._vent_reason = self._vent_reason or reason
+        self._closing = False
+        self._apply()
+        return Answer(True, "venting until grasp/reset")
+
+    def clear(self) -> Answer:
+        """Lift a latched vent; the valves go on venting for as long as the arbiter says so."""
+        if not self._vent_reason:
+            return Answer(True, "no vent is latched")
+        self._vent_reason = ""
+        self._apply()
+        return Answer(True, "the vent is no longer latched")
+
+    def lose_arbiter(self) -> None:
+        """Go on without an arbiter: it has given no sign of life."""
+        self._arbiter_lost = True
+        if self._closing:
+            self.vent("the arbiter fell silent while a grasp closed")
+
+    def find_arbiter(self) -> None:
+        """Listen to the arbiter again: it lives."""
+        self._arbiter_lost = False
+
+    def contest(self, by: str, reason: str | None) -> None:
+        """Take notice that there are two (``by`` whom, and in words), or of one no longer (None)."""
+        if reason is None:
+            self._contested.pop(by, None)
+        else:
+            self._contested[by] = reason
+            if self._closing:
+                self.vent(reason)
+        self._apply()
 
     def switch(self, on: bool) -> Answer:
         """Take the operator's switch; on is refused unless the arbiter lets the loops regulate."""
+        if on and self._vent_reason:
+            return Answer(False, f"all is vented ({self._vent_reason}); call grasp/reset first")
         if on and self._air is not Air.REGULATE:
             return Answer(False, f"the arbiter says {self._air.value}; call grasp/reset first")
+        if on and self.objection is not None:
+            return Answer(False, f"nothing new is opened: {self.objection}")
         self._switched_on = on
         self._apply()
-        valves = "valves vent until grasp/reset" if self._air is Air.VENT else "valves closed"
+        valves = "valves vent until grasp/reset" if self.air is Air.VENT else "valves closed"
         return Answer(True, "air on" if on else f"air off, {valves}")
 
     def _apply(self) -> None:
-        if self._air is Air.VENT:
+        if self.air is Air.VENT:
             self._controller.vent_all()
-        elif self._air is Air.HOLD:
-            self._controller.enable(False)
-        else:
-            self._controller.enable(True)  # ends a vent, also where the air is switched off
-            # Started beside a gripper that holds, the loops must not take their own zeros for set-points.
-            self._controller.enable(self._switched_on and self._has_setpoints)
+            return
+        if self._controller.vented:
+            self._controller.enable(True)  # ends the vent, also where the loops are not to run
+        # Started beside a gripper that holds, the loops must not take their own zeros for set-points.
+        regulating = self._air is Air.REGULATE and self._switched_on and self._has_setpoints
+        self._controller.enable(regulating and not self._contested)

@@ -17,6 +17,11 @@ from mbpam_ros.pneumatics.transducer import TransducerConfig
 Vector = NDArray[np.float64]
 
 
+STEADY_NOISE_RATIO = 2.0
+"""A reading that moves more than this many times its data sheet's noise is none to take for zero. The noise is a mean
+square over some fifty samples, so a sound channel's is seen within a factor of 1.5."""
+
+
 class ChannelStatus(Enum):
     """What is known of a channel."""
 
@@ -49,6 +54,7 @@ class SensingConfig:
         missing_time_s: no sample for longer than this is a missing channel.
         recovery_samples: good samples in a row that end a fault.
         zero_limit_pa: greatest distance from the data sheet's zero that :meth:`PressureSensing.zero` accepts.
+        zero_step_pa: greatest distance from the last zero that it accepts unforced.
     """
 
     channel_gain: tuple[float, ...]
@@ -61,11 +67,13 @@ class SensingConfig:
     missing_time_s: float
     recovery_samples: int
     zero_limit_pa: float
+    zero_step_pa: float = 1000.0
 
     def __post_init__(self) -> None:
         require_positive(
             self, "channel_gain", "cutoff_hz", "variance_time_s", "missing_time_s", "recovery_samples", "zero_limit_pa"
         )
+        require_positive(self, "zero_step_pa")
         for name in ("channel_gain", "channel_offset_v"):
             if len(getattr(self, name)) != CHANNEL_COUNT:
                 raise ValueError(f"{name} needs {CHANNEL_COUNT} values, found {len(getattr(self, name))}")
@@ -129,6 +137,11 @@ class _Channel:
         self._raw_v = self.pressure_pa = self.variance_pa2 = math.nan
         self._changed_at_s = self._sampled_at_s = time_s
         self._noise_pa2 = self._expected_noise_pa2  # until there is experience
+
+    @property
+    def noise_ratio(self) -> float:
+        """Noise seen lately over that of the data sheet; a pressure that moves counts as noise."""
+        return math.sqrt(self._noise_pa2 / self._expected_noise_pa2)
 
     def update(self, time_s: float, volts: float, alpha: float, weight: float) -> None:
         """Take a sample, NaN for none; ``alpha`` and ``weight`` are the filter's and the noise estimate's gains."""
@@ -219,12 +232,16 @@ class PressureSensing:
             channel.check(time_s)
         return self._reading()
 
-    def zero(self) -> Vector:
+    def zero(self, forced: bool = False) -> Vector:
         """Make the present readings the zero and return the whole correction, shape (16,) [Pa].
 
+        A chamber with some air in it reads like a transducer whose zero is off. What tells them apart is that a zero
+        hardly moves, and stands still: what does neither is taken only if ``forced``.
+
         Raises:
-            ZeroRefusedError: a channel has no valid reading, or is further than ``zero_limit_pa`` from the data sheet's
-                zero, zeroing done before included. Nothing is changed then.
+            ZeroRefusedError: a channel has no valid reading; is further than ``zero_limit_pa`` from the data sheet's
+                zero, zeroing done before included; or, unforced, further than ``zero_step_pa`` from the last zero, or
+                unsteady. Nothing is changed then.
         """
         for name, channel in zip(CHANNEL_NAMES, self._channels, strict=True):
             if channel.status is not ChannelStatus.OK:
@@ -237,9 +254,25 @@ class PressureSensing:
                     f"{name} reads {value:.0f} Pa before correction, more than {limit_pa:.0f} Pa from zero; "
                     "vent it first"
                 )
+        if not forced:
+            self._refuse_doubtful_zero()
         for channel, value in zip(self._channels, correction_pa, strict=True):
             channel.correction_pa, channel.pressure_pa = value, 0.0
         return np.array(correction_pa)
+
+    def _refuse_doubtful_zero(self) -> None:
+        step_pa = self._config.zero_step_pa
+        for name, channel in zip(CHANNEL_NAMES, self._channels, strict=True):
+            if abs(channel.pressure_pa) > step_pa:
+                raise ZeroRefusedError(
+                    f"{name} reads {channel.pressure_pa:.0f} Pa, more than {step_pa:.0f} Pa from the last zero; air "
+                    "may be trapped: vent it, or force the zero"
+                )
+            if channel.noise_ratio > STEADY_NOISE_RATIO:
+                raise ZeroRefusedError(
+                    f"{name} is not steady: it moves {channel.noise_ratio:.1f} times as much as its data sheet's "
+                    "noise; wait, or force the zero"
+                )
 
     def _advance(self, time_s: float) -> None:
         if not math.isfinite(time_s):

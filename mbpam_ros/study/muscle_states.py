@@ -119,11 +119,12 @@ class RodModel:
 
     Args:
         law: of the active part.
-        geometry: of the muscle.
+        geometry: of the rod.
         strains: what the active part may do.
         ends: section of the two ends.
         bending: how the active part's moment follows its curvature, ``line`` or ``curve``.
         joints: between the ends and the active part, with its shear; None: it goes on into them, and has none.
+        measured_by_m: length that errors are told over; None: the rod's active length.
     """
 
     law: RodLaw
@@ -132,6 +133,7 @@ class RodModel:
     ends: RodSection = RIGID
     bending: str = "line"
     joints: EndLaw | None = None
+    measured_by_m: float | None = None
 
 
 def rod_answer(state: MuscleState, model: RodModel) -> dict[str, Any]:
@@ -195,10 +197,10 @@ def compared(rows: Sequence[dict[str, Any]], model: RodModel) -> list[dict[str, 
     """Return the rod's answer to each state beside that of ``rows``.
 
     Each has, besides the rod's answer: ``kind`` of load, ``reference_tip_position_mm``, ``tip_error_mm`` and, over the
-    active length, ``tip_error_pct``, ``roll_error_deg``. Where ``rows`` hold the same state without loads, and the
-    loads move the tip at all, also the displacement from it, ``displacement_mm``, ``reference_displacement_mm`` (3),
-    ``displacement_error_pct``, the size of their difference over the reference's, and ``displacement_ratio``, the
-    component along the reference's over it.
+    active length or what the model says instead, ``tip_error_pct``, ``roll_error_deg``. Where ``rows`` hold the same
+    state without loads, and the loads move the tip at all, also the displacement from it, ``displacement_mm``,
+    ``reference_displacement_mm`` (3), ``displacement_error_pct``, the size of their difference over the reference's,
+    and ``displacement_ratio``, the component along the reference's over it.
 
     Raises:
         RodSolutionError: the rod has no equilibrium in a state.
@@ -206,6 +208,7 @@ def compared(rows: Sequence[dict[str, Any]], model: RodModel) -> list[dict[str, 
     states = [MuscleState.of_row(row) for row in rows]
     ours = [rod_answer(state, model) for state in states]
     unloaded = {state: (ours[i], rows[i]) for i, state in enumerate(states) if not state.is_loaded}
+    over_mm = 1e3 * (model.measured_by_m or model.geometry.active_length_m)
     found = []
     for state, own, row in zip(states, ours, rows, strict=True):
         free = unloaded.get(state.unloaded)
@@ -215,7 +218,7 @@ def compared(rows: Sequence[dict[str, Any]], model: RodModel) -> list[dict[str, 
             "kind": kind_of_load(state, model.law, free[1]["tip_direction"] if free else own["tip_direction"]),
             "reference_tip_position_mm": list(row["tip_position_mm"]),
             "tip_error_mm": float(np.linalg.norm(off)),
-            "tip_error_pct": 0.1 * float(np.linalg.norm(off)) / model.geometry.active_length_m,
+            "tip_error_pct": 100.0 * float(np.linalg.norm(off)) / over_mm,
             "roll_error_deg": math.remainder(own["tip_roll_deg"] - float(row["tip_roll_deg"]), 360.0),
         }
         if state.is_loaded and free is not None:

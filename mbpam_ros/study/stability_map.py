@@ -165,7 +165,7 @@ def map_text(cells: Sequence[Cell]) -> str:
 def _setup(with_object: bool, gripper: Gripper, config: PlantConfig) -> TierSetup:
     body = RigidBody("sphere", (_SIZE_M,) * 3, _MASS_KG, np.array([0.0, 0.0, _DEPTH_M]), np.array([0.0, 0.0, 0.0, 1.0]))
     return TierSetup(
-        geometry=gripper.geometry,
+        geometry=gripper.rod_geometry,
         finger_base_m=gripper.finger_base_m,
         gravity_m_s2=GRAVITY_M_S2,
         body=body if with_object else None,

@@ -139,7 +139,7 @@ def test_a_design_that_no_one_named_is_refused_with_those_that_there_are(refused
         (ObjectDetectorNode, "camera", "camera.yaml", "horizontal_fov_rad", 3.5),
         (GraspArbiterNode, "modes", "modes.yaml", "bend_azimuth_deg.envelope", [225, 315, 45, 130]),
         (GraspArbiterNode, "modes", "modes.yaml", "bend_azimuth_deg.envelope", [225, 315, 45]),
-        (GraspArbiterNode, "grasp", "grasp.yaml", "selection.depth_min_m", 0.2),
+        (GraspArbiterNode, "grasp", "grasp.yaml", "selection.offset_max_m", -0.1),
         (GraspArbiterNode, "grasp", "grasp.yaml", "arbitration.grip_pressure_gauge_pa.envelope", 120e3),
         (GraspArbiterNode, "grasp", "grasp.yaml", "arbitration.settle_dwell_s", -0.2),
     ],

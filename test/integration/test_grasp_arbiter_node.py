@@ -1,12 +1,14 @@
 """The grasp arbiter's promises on its topics and services."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -90,7 +92,13 @@ class Grasp:
 
     def see(self, *markers):
         """Have the node take a detection: a refusal of the camera's grasp then names no missing detection."""
-        self.detections.publish(MarkerArray(markers=markers))
+        self.detections.publish(self.stamped(*markers))
+
+    def stamped(self, *markers):
+        """The markers as a detection of this moment."""
+        for each in markers:
+            each.header.stamp = time_stamp(self.time_s)
+        return MarkerArray(markers=markers)
 
     def refuse(self, publisher, message):
         """Send something the node must refuse."""
@@ -322,7 +330,9 @@ def test_stop_vents_from_every_phase_and_reset_waits_until_the_pressures_are_dow
         grasp.tick_until(lambda: grasp.measured_pa.any(), "pressure")
     grasp.follows, grasp.measured_pa = False, grip("envelope")
     grasp.tick()
-    assert grasp.call("stop").success
+    answer = grasp.call("stop")
+    assert not answer.success  # there are no valves
+    assert "nobody answers" in answer.message and "finger_1_chamber_1 at 100000 Pa" in answer.message
     grasp.graph.spin_until(lambda: grasp.phase == "fault", "the fault")
     assert (grasp.state["air"], grasp.state["source"]) == ("vent", "safety")
     assert grasp.states[-1].level == DiagnosticStatus.ERROR
@@ -413,7 +423,7 @@ def test_the_fault_of_another_gripper_s_node_is_none_of_ours(grasp):
     ids=str,
 )
 def test_wrong_detections_are_refused_and_the_next_right_one_is_used(grasp, changes):
-    grasp.refuse(grasp.detections, MarkerArray(markers=[marker(), marker(**changes)]))
+    grasp.refuse(grasp.detections, grasp.stamped(marker(), marker(**changes)))
     refusal = grasp.call("auto")
     assert not refusal.success and "no detection yet" in refusal.message
     grasp.see(marker())
@@ -456,3 +466,105 @@ def test_a_simulated_clock_set_back_neither_faults_nor_drops(grasp):
     np.testing.assert_array_equal(grasp.setpoint_pa, grip("envelope"))
     assert grasp.call("release").success
     grasp.tick_until(lambda: grasp.phase == "idle", "idle")
+
+
+@pytest.mark.parametrize("age_s", [1.5, None], ids=["old", "1970"])
+def test_a_detection_that_is_old_by_its_stamp_or_has_none_starts_nothing(grasp, age_s):
+    end_s = grasp.time_s + 2.0
+    grasp.tick_until(lambda: grasp.time_s > end_s, "2 s")
+    message = grasp.stamped(marker())
+    message.markers[0].header.stamp = time_stamp(0.0 if age_s is None else grasp.time_s - age_s)
+    grasp.refuse(grasp.detections, message)
+    refusal = grasp.call("auto")
+    assert not refusal.success and "no detection yet" in refusal.message
+
+
+def test_a_detection_counts_from_its_picture_not_from_its_arrival(grasp):
+    message = grasp.stamped(marker())
+    end_s = grasp.time_s + 0.6
+    grasp.tick_until(lambda: grasp.time_s > end_s, "0.6 s")
+    grasp.detections.publish(message)
+    end_s = grasp.time_s + 0.6
+    grasp.tick_until(lambda: grasp.time_s > end_s, "0.6 s more")
+    refusal = grasp.call("auto")
+    assert not refusal.success and "last detection is 1.2 s old" in refusal.message
+
+
+class Valves:
+    """A valve controller's services and state, in the test's hands."""
+
+    def __init__(self, grasp):
+        node = grasp.graph.test_node
+        self.state = node.create_publisher(DiagnosticStatus, "valve_controller/state", LATCHED)
+        self.calls = []
+        for name in ("vent", "clear"):
+            node.create_service(Trigger, f"valve_controller/{name}", partial(self.answer, name))
+
+    def answer(self, name, _, response):
+        self.calls.append(name)
+        self.latch("stop requested" if name == "vent" else "")
+        response.success = True
+        return response
+
+    def latch(self, reason):
+        self.state.publish(DiagnosticStatus(values=[KeyValue(key="vent_latched", value=reason)]))
+
+
+def test_a_stop_is_answered_with_what_the_valves_and_the_pressures_confirm(grasp):
+    valves = Valves(grasp)
+    grasp.hold()
+    assert grasp.node._vent.wait_for_service(5.0)
+    stop = grasp.graph.test_node.create_client(Trigger, "grasp/stop")
+    grasp.graph.spin_until(stop.service_is_ready, "the service")
+    answers = [stop.call_async(Trigger.Request()) for _ in range(2)]
+    grasp.follows, grasp.measured_pa = False, 0.9 * grip("envelope")
+    grasp.graph.spin_until(lambda: grasp.phase == "fault", "the stop")
+    grasp.tick()
+    grasp.graph.spin_until(lambda: all(answer.done() for answer in answers), "both answers")
+    for answer in answers:
+        assert answer.result().success
+        assert "valve_controller vents, all fall, the highest is 90000 Pa" in answer.result().message
+    assert valves.calls == ["vent"]
+
+
+def test_a_reset_has_the_vent_at_the_valves_lifted_and_a_vent_there_is_a_fault_here(grasp):
+    valves = Valves(grasp)
+    assert grasp.node._clear.wait_for_service(5.0)
+    valves.latch("asked for by an operator")
+    grasp.tick_until(lambda: grasp.phase == "fault", "the fault")
+    assert "vented at the valves: asked for by an operator" in grasp.state["reason"]
+    assert grasp.state["air"] == "vent"
+    grasp.tick_until(lambda: grasp.call("reset").success, "a reset accepted")
+    assert valves.calls == ["clear"]
+    grasp.tick_until(lambda: grasp.phase == "idle", "idle")
+
+
+def test_a_vent_latched_at_the_valves_stands_for_an_arbiter_started_anew(graph):
+    state = graph.test_node.create_publisher(DiagnosticStatus, "valve_controller/state", LATCHED)
+    state.publish(DiagnosticStatus(values=[KeyValue(key="vent_latched", value="stop requested")]))
+    restarted = Grasp(graph)
+    restarted.report_both_well()
+    restarted.tick_until(lambda: restarted.phase == "fault", "the stop of before")
+    assert "stop requested" in restarted.state["reason"] and restarted.state["air"] == "vent"
+    refusal = restarted.call("reset")
+    assert not refusal.success and "valve_controller does not answer" in refusal.message
+
+
+@pytest.mark.parametrize("node", ["pressure_sensor", "valve_controller"])
+def test_a_node_that_falls_silent_is_a_fault_and_one_that_runs_twice_too(grasp, node):
+    alive = grasp.graph.publisher(Header, f"{node}/alive")
+    runs = ["alpha 17 0a"]
+    grasp.graph.test_node.create_timer(0.05, lambda: [alive.publish(Header(frame_id=run)) for run in runs])
+    obstacle = lambda: grasp.node._arbiter.obstacle(grasp.time_s) or ""  # noqa: E731
+    grasp.hold()
+    runs.append("beta 4 0b")
+    grasp.tick_until(lambda: grasp.phase == "fault", "the fault", limit_s=1e3)
+    assert "process 17 on alpha" in grasp.state["reason"] and "process 4 on beta" in grasp.state["reason"]
+    assert grasp.state["air"] == "hold"
+    runs.pop()
+    both = ("/pressure_sensor", "/valve_controller")
+    report = lambda: [grasp.report(name, DiagnosticStatus.OK, "well") for name in both]  # noqa: E731
+    grasp.graph.test_node.create_timer(0.1, report)
+    grasp.graph.spin_until(lambda: "process" not in obstacle(), "one of them gone")
+    runs.clear()
+    grasp.graph.spin_until(lambda: f"{node}: no sign of life" in obstacle(), "the silence")

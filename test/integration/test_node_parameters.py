@@ -92,6 +92,10 @@ def test_an_unknown_parameter_is_a_configuration_error_that_lists_the_known(grap
 def test_a_number_out_of_its_range_or_of_another_type_is_a_configuration_error(graph, name, parameter):
     node_class, _ = NODES[name]
     kind = type(parameter.default)
+    if kind is bool:
+        assert not change(graph, name, parameter.name, "much").successful
+        assert change(graph, name, parameter.name, not parameter.default).successful
+        return
     wrong = [kind(parameter.low - 1), kind(parameter.high + 1), "much", True]
     if kind is float:
         wrong += [math.nan, math.inf]
@@ -117,6 +121,10 @@ def test_a_read_only_parameter_cannot_be_set_while_the_node_runs(graph, name):
 def test_a_changeable_parameter_is_set_within_its_range_only(graph, name, parameter):
     node = graph.add(NODES[name][0])
     kind = type(parameter.default)
+    if kind is bool:
+        assert not change(graph, name, parameter.name, "much").successful
+        assert change(graph, name, parameter.name, not parameter.default).successful
+        return
     wrong = [kind(parameter.low - 1), kind(parameter.high + 1), "much"]
     if kind is float:
         wrong += [math.nan, math.inf]

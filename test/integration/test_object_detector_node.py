@@ -229,7 +229,7 @@ def test_rows_may_be_padded(graph):
 
 
 def test_images_that_come_too_fast_are_passed_over(graph):
-    camera = Camera(graph, max_rate_hz=1.0)
+    camera = Camera(graph, max_rate_hz=1.0, frozen_after_s=0.0)
     for _ in range(8):  # two seconds
         camera.send(image(photograph("empty")))
     camera.show(image(photograph("empty")))
@@ -237,6 +237,22 @@ def test_images_that_come_too_fast_are_passed_over(graph):
     assert seen_at == [time_stamp(time_s) for time_s in (1.25, 2.25, 3.25)]
     camera.node.set_parameters([Parameter("max_rate_hz", value=4.0)])
     camera.show(image(photograph("empty")))
+
+
+def test_a_camera_that_repeats_its_image_to_the_bit_is_refused_and_a_still_scene_is_not(graph):
+    camera = Camera(graph)
+    message = image(photograph("bulb"))
+    for _ in range(8):
+        message.data[1000] ^= 1
+        assert camera.show(message)
+    for _ in range(4):
+        camera.show(message)
+    camera.refuse(camera.send, message)
+    camera.node.publish_health()
+    graph.spin_until(lambda: "not a bit" in camera.reports[-1].status[0].message, "the health's word of it")
+    assert camera.reports[-1].status[0].level == DiagnosticStatus.WARN
+    message.data[1000] ^= 1
+    assert camera.show(message)
 
 
 def test_an_image_without_camera_info_is_refused_and_the_first_with_it_is_used(graph):

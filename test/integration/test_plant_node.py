@@ -305,6 +305,23 @@ def test_the_markers_of_truth_show_fingers_palm_and_object_in_the_world(graph):
     assert body.pose.position.z == pytest.approx(0.085, abs=1e-3)
 
 
+def test_the_markers_of_truth_show_every_object_of_a_scene_the_first_as_before(graph, tmp_path):
+    content = load_yaml("scenes/bulb.yaml")
+    bulb = {key: content.pop(key) for key in ("object", "object_position_m", "object_yaw_rad")}
+    far = {"object": "carton", "object_position_m": [0.15, 0.0, 0.285]}
+    (tmp_path / "two.yaml").write_text(yaml.safe_dump(content | {"objects": [bulb, far]}))
+    plant = PlantInLockStep(graph, scene=str(tmp_path / "two.yaml"))
+    plant.run_until(0.2)
+    graph.spin_until(lambda: plant.truth, "markers")
+    first, second = plant.truth[-1].markers[-2:]
+    assert [(each.ns, each.id, each.type) for each in (first, second)] == [
+        ("object", 0, Marker.SPHERE),
+        ("other_object", 1, Marker.CUBE),
+    ]
+    assert second.pose.position.x == pytest.approx(0.15, abs=1e-3)
+    assert second.pose.position.z == pytest.approx(0.285, abs=1e-3)
+
+
 def test_gravity_from_the_side_pulls_the_fingers_there_and_a_vector_without_direction_is_refused(graph):
     plant = PlantInLockStep(graph, marker_rate_hz=100.0)
     gravity = graph.publisher(Vector3Stamped, "gravity")

@@ -5,7 +5,9 @@ import re
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.qos import qos_profile_sensor_data
+from rcl_interfaces.msg import Log
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import FluidPressure, JointState
 from std_srvs.srv import Trigger
 
@@ -14,6 +16,8 @@ from mbpam_ros.nodes.messages import joint_state, time_stamp
 from mbpam_ros.nodes.pressure_sensor import PressureSensorNode
 
 VENTED_V = 0.5
+OWN_CLOCK = {"clock_tolerance_s": 0.0}
+"""For stamps that are not of this computer's clock."""
 
 
 def volts(values, time_s=1.0, names=CHANNEL_NAMES):
@@ -21,7 +25,7 @@ def volts(values, time_s=1.0, names=CHANNEL_NAMES):
 
 
 def test_volts_become_gauge_pressure_with_the_stamp_of_the_sample(graph):
-    graph.add(PressureSensorNode)
+    graph.add(PressureSensorNode, **OWN_CLOCK)
     states = graph.listen(JointState, "chamber_states")
     publisher = graph.publisher(JointState, "transducers")
     publisher.publish(volts([VENTED_V] * 15 + [2.5], time_s=3.25))
@@ -33,7 +37,7 @@ def test_volts_become_gauge_pressure_with_the_stamp_of_the_sample(graph):
 
 
 def test_a_driver_that_publishes_best_effort_is_heard(graph):
-    graph.add(PressureSensorNode)
+    graph.add(PressureSensorNode, **OWN_CLOCK)
     states = graph.listen(JointState, "chamber_states")
     publisher = graph.publisher(JointState, "transducers", qos_profile_sensor_data)
     publisher.publish(volts([VENTED_V] * 16))
@@ -41,7 +45,7 @@ def test_a_driver_that_publishes_best_effort_is_heard(graph):
 
 
 def test_a_broken_wire_is_nan_and_the_diagnostics_name_the_channel(graph):
-    graph.add(PressureSensorNode)
+    graph.add(PressureSensorNode, **OWN_CLOCK)
     states = graph.listen(JointState, "chamber_states")
     reports = graph.listen(DiagnosticArray, "/diagnostics")
     publisher = graph.publisher(JointState, "transducers")
@@ -63,7 +67,7 @@ def test_a_broken_wire_is_nan_and_the_diagnostics_name_the_channel(graph):
 
 
 def test_fluid_pressure_is_absolute(graph):
-    graph.add(PressureSensorNode, fluid_pressure_rate_hz=50.0)
+    graph.add(PressureSensorNode, fluid_pressure_rate_hz=50.0, **OWN_CLOCK)
     absolute = graph.listen(FluidPressure, "chamber_1_1/pressure")
     publisher = graph.publisher(JointState, "transducers")
     publisher.publish(volts([VENTED_V] * 16))
@@ -74,7 +78,7 @@ def test_fluid_pressure_is_absolute(graph):
 
 
 def test_a_channel_without_a_valid_reading_has_no_fluid_pressure(graph):
-    graph.add(PressureSensorNode, fluid_pressure_rate_hz=50.0)
+    graph.add(PressureSensorNode, fluid_pressure_rate_hz=50.0, **OWN_CLOCK)
     broken, whole = (graph.listen(FluidPressure, f"chamber_1_{chamber}/pressure") for chamber in (1, 2))
     publisher = graph.publisher(JointState, "transducers")
     publisher.publish(volts([math.nan, *[VENTED_V] * 15]))
@@ -83,7 +87,7 @@ def test_a_channel_without_a_valid_reading_has_no_fluid_pressure(graph):
 
 
 def test_zero_is_refused_while_a_chamber_is_pressurised(graph):
-    graph.add(PressureSensorNode)
+    graph.add(PressureSensorNode, **OWN_CLOCK)
     states = graph.listen(JointState, "chamber_states")
     publisher = graph.publisher(JointState, "transducers")
     publisher.publish(volts([1.5] + [VENTED_V] * 15))
@@ -94,7 +98,7 @@ def test_zero_is_refused_while_a_chamber_is_pressurised(graph):
 
 
 def test_zero_takes_the_vented_reading_as_zero(graph):
-    graph.add(PressureSensorNode)
+    graph.add(PressureSensorNode, zero_forced=True, **OWN_CLOCK)
     states = graph.listen(JointState, "chamber_states")
     publisher = graph.publisher(JointState, "transducers")
     publisher.publish(volts([VENTED_V + 0.04] * 16, time_s=1.0))
@@ -107,7 +111,7 @@ def test_zero_takes_the_vented_reading_as_zero(graph):
 
 
 def test_silence_of_the_transducers_becomes_nan(graph):
-    graph.add(PressureSensorNode)
+    graph.add(PressureSensorNode, **OWN_CLOCK)
     states = graph.listen(JointState, "chamber_states")
     publisher = graph.publisher(JointState, "transducers")
     publisher.publish(volts([VENTED_V] * 16))
@@ -116,7 +120,7 @@ def test_silence_of_the_transducers_becomes_nan(graph):
 
 
 def test_silence_while_the_computer_is_held_up_is_laid_to_the_computer(graph):
-    graph.add(PressureSensorNode)
+    graph.add(PressureSensorNode, **OWN_CLOCK)
     reports = graph.listen(DiagnosticArray, "/diagnostics")
     publisher = graph.publisher(JointState, "transducers")
     graph.spin_until(lambda: reports, "a report, once a second")
@@ -132,7 +136,7 @@ def test_silence_while_the_computer_is_held_up_is_laid_to_the_computer(graph):
 
 
 def test_malformed_voltages_are_refused_and_the_node_goes_on(graph):
-    node = graph.add(PressureSensorNode)
+    node = graph.add(PressureSensorNode, **OWN_CLOCK)
     states = graph.listen(JointState, "chamber_states")
     publisher = graph.publisher(JointState, "transducers")
     wrong = [
@@ -151,9 +155,37 @@ def test_malformed_voltages_are_refused_and_the_node_goes_on(graph):
 
 
 def test_channels_may_come_in_any_order(graph):
-    graph.add(PressureSensorNode)
+    graph.add(PressureSensorNode, **OWN_CLOCK)
     states = graph.listen(JointState, "chamber_states")
     publisher = graph.publisher(JointState, "transducers")
     publisher.publish(volts([2.5] + [VENTED_V] * 15, names=CHANNEL_NAMES[::-1]))
     graph.spin_until(lambda: states, "chamber_states")
     assert math.isclose(states[0].effort[15], 100e3, abs_tol=1.0)
+
+
+def test_samples_stamped_an_hour_ago_are_refused_in_one_line_and_are_no_reading(graph):
+    node = graph.add(PressureSensorNode)
+    states, logs = graph.listen(JointState, "chamber_states"), graph.listen(Log, "/rosout", QoSProfile(depth=100))
+    publisher = graph.publisher(JointState, "transducers")
+    for k in range(3):
+        publisher.publish(volts([VENTED_V] * 16, time_s=time.time() - 3600.0 + 0.01 * k))
+    graph.spin_until(lambda: node.refused_inputs == 3, "the refusals")
+    said = lambda: [log.msg for log in logs if log.level == 30]  # noqa: E731
+    graph.spin_until(said, "the warning")
+    assert not states and len(said()) == 1
+    assert said()[0].startswith("transducers refused: stamped 1.00 h ago by this computer's clock")
+    assert "chrony" in said()[0]
+    publisher.publish(volts([VENTED_V] * 16, time_s=time.time()))
+    graph.spin_until(lambda: states, "chamber_states")
+
+
+def test_a_zero_with_trapped_air_is_refused_and_the_parameter_forces_it(graph):
+    node = graph.add(PressureSensorNode, **OWN_CLOCK)
+    states = graph.listen(JointState, "chamber_states")
+    publisher = graph.publisher(JointState, "transducers")
+    publisher.publish(volts([VENTED_V + 0.086] * 16))
+    graph.spin_until(lambda: states, "chamber_states")
+    refusal = graph.call(Trigger, "pressure_sensor/zero")
+    assert not refusal.success and "air may be trapped" in refusal.message
+    node.set_parameters([Parameter("zero_forced", value=True)])
+    assert graph.call(Trigger, "pressure_sensor/zero").success

@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import Log
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool
+from std_msgs.msg import Header
+from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.nodes import runtime
 from mbpam_ros.nodes.messages import joint_state, time_stamp
-from mbpam_ros.nodes.runtime import LATCHED
+from mbpam_ros.nodes.runtime import LATCHED, STREAM
 from mbpam_ros.nodes.valve_controller import ValveControllerNode
 
 TICK_S = 0.01
@@ -81,6 +83,10 @@ class Loops:
         refused = self.node.refused_inputs
         publisher.publish(message)
         self.graph.spin_until(lambda: self.node.refused_inputs > refused, "the refusal")
+
+    def clear(self):
+        """Lift the vent, as the arbiter does in a reset."""
+        assert self.graph.call(Trigger, "valve_controller/clear").success
 
     def enable(self, on):
         return self.graph.call(SetBool, "valve_controller/enable", SetBool.Request(data=on))
@@ -240,6 +246,7 @@ def test_enabling_is_refused_while_the_arbiter_vents(graph):
     assert not refusal.success
     assert "vent" in refusal.message and "grasp/reset" in refusal.message
     assert (loops.feed(AMBIENT, ticks=3) == -1.0).all()
+    loops.clear()
     loops.grasp_state.publish(air("regulate"))
     loops.feed_until(lambda opening: not opening.any())
     assert loops.enable(True).success
@@ -252,6 +259,7 @@ def test_switching_the_air_off_does_not_end_a_vent_and_says_so(graph):
     answer = loops.enable(False)
     assert answer.success and "vent" in answer.message
     assert (loops.feed(AMBIENT, ticks=3) == -1.0).all()
+    loops.clear()
     loops.grasp_state.publish(air("regulate"))
     loops.feed_until(lambda opening: not opening.any())
 
@@ -261,6 +269,7 @@ def test_a_set_point_is_refused_while_the_arbiter_vents(graph):
     loops.grasp_state.publish(air("vent"))
     loops.feed_until(lambda opening: (opening == -1.0).all())
     loops.refuse(loops.setpoints, setpoints(channels(c0=50e3)))
+    loops.clear()
     loops.grasp_state.publish(air("regulate"))
     loops.feed_until(lambda opening: not opening.any())
     assert not loops.feed(AMBIENT, ticks=10).any()
@@ -370,3 +379,105 @@ def test_a_simulation_started_anew_is_followed_at_once(graph):
     loops.feed_until(lambda opening: (opening > 0.1).all())
     assert loops.time_s < 0.6
     assert not any(faults(report.status[0]) for report in loops.reports)
+
+
+def values(status):
+    return {item.key: item.value for item in status.values}
+
+
+class Arbiter:
+    """An arbiter's signs of life and its word, in the test's hands."""
+
+    def __init__(self, loops, runs=("alpha 17 0a",)):
+        self.loops, self.runs = loops, list(runs)
+        self.alive = loops.graph.publisher(Header, "grasp_arbiter/alive")
+        self.timer = loops.graph.test_node.create_timer(0.05, self.beat)
+        taken = loops.graph.listen(DiagnosticStatus, "valve_controller/state", LATCHED)
+        loops.graph.spin_until(lambda: len(taken) > 1, "signs of life taken")
+
+    def beat(self):
+        for run in self.runs:
+            self.alive.publish(Header(frame_id=run))
+
+    def say(self, phase, word="regulate"):
+        message = air(word)
+        message.values.append(KeyValue(key="phase", value=phase))
+        self.loops.grasp_state.publish(message)
+
+
+def until(loops, predicate, what):
+    """Wait for what the node publishes as its state."""
+    states = loops.graph.listen(DiagnosticStatus, "valve_controller/state", LATCHED)
+    loops.graph.spin_until(lambda: states and predicate(values(states[-1]), states[-1].message), what)
+
+
+def test_a_vent_asked_for_without_an_arbiter_is_latched_and_told_to_who_comes_late(graph):
+    loops = Loops(graph, enable_at_start=True)
+    loops.setpoints.publish(setpoints(np.full(16, 50e3)))
+    loops.feed_until(lambda opening: (opening > 0.1).all())
+    assert graph.call(Trigger, "valve_controller/vent").success
+    assert (loops.feed(np.full(16, 30e3)) == -1.0).all()
+    loops.grasp_state.publish(air("hold"))
+    loops.grasp_state.publish(air("regulate"))
+    loops.grasp_state.publish(air("no word"))
+    graph.spin_until(lambda: loops.node.refused_inputs == 1, "the message behind them")
+    assert (loops.feed(np.full(16, 30e3), ticks=3) == -1.0).all()
+    until(loops, lambda said, _: said["vent_latched"] == "asked for by an operator", "the latched state")
+    loops.clear()
+    until(loops, lambda said, _: said["vent_latched"] == "" and said["air"] == "regulate", "the state after it")
+    assert not loops.feed(AMBIENT, ticks=3).any()
+
+
+def test_an_arbiter_that_falls_silent_while_a_grasp_closes_has_it_vented(graph):
+    loops = Loops(graph, enable_at_start=True)
+    arbiter = Arbiter(loops)
+    arbiter.say("closing")
+    loops.setpoints.publish(setpoints(np.full(16, 50e3)))
+    loops.feed_until(lambda opening: (opening > 0.1).all())
+    arbiter.runs.clear()
+    until(loops, lambda said, _: "silent while a grasp closed" in said["vent_latched"], "the vent")
+    assert (loops.feed(np.full(16, 30e3)) == -1.0).all()
+
+
+def test_an_arbiter_that_falls_silent_while_a_grasp_holds_leaves_it_held_and_nothing_new_begins(graph):
+    loops = Loops(graph, enable_at_start=True)
+    arbiter = Arbiter(loops)
+    arbiter.say("holding")
+    loops.setpoints.publish(setpoints(np.full(16, 50e3)))
+    loops.feed_until(lambda opening: (opening > 0.1).all())
+    arbiter.runs.clear()
+    until(loops, lambda _, message: message == "the arbiter has fallen silent", "word of the silence")
+    assert loops.wait_for_health(DiagnosticStatus.ERROR).message == "the arbiter has fallen silent"
+    assert (loops.feed(np.full(16, 30e3), ticks=5) > 0.1).all()
+    loops.refuse(loops.setpoints, setpoints(np.full(16, 80e3)))
+    arbiter.runs.append("alpha 18 0c")
+    until(loops, lambda _, message: message == "regulate", "the new arbiter")
+    loops.setpoints.publish(setpoints(np.full(16, 80e3)))
+    assert (loops.feed_until(lambda opening: (opening > 0.1).all(), np.full(16, 60e3)) > 0.1).all()
+
+
+def test_two_arbiters_are_a_fault_that_names_both_before_a_valve_opens(graph):
+    loops = Loops(graph, enable_at_start=True)
+    arbiter = Arbiter(loops, runs=("alpha 17 0a", "beta 4 0b"))
+    both = lambda _, message: "process 17 on alpha" in message and "process 4 on beta" in message  # noqa: E731
+    until(loops, both, "both named")
+    loops.refuse(loops.setpoints, setpoints(np.full(16, 50e3)))
+    assert not loops.feed(AMBIENT, ticks=5).any()
+    arbiter.runs.pop()
+    until(loops, lambda _, message: message == "regulate", "one of them gone")
+    loops.setpoints.publish(setpoints(np.full(16, 50e3)))
+    loops.feed_until(lambda opening: (opening > 0.1).all())
+
+
+def test_a_second_publisher_of_set_points_is_a_fault_that_names_both(graph):
+    loops = Loops(graph, enable_at_start=True)
+    intruder = Node("intruder", context=graph.test_node.context, use_global_arguments=False)
+    graph.nodes.append(intruder)
+    publisher = intruder.create_publisher(JointState, "pressure_setpoints", STREAM)
+    named = "pressure_setpoints is published by /intruder and /test_node"
+    until(loops, lambda _, message: message == named, "both named")
+    loops.refuse(loops.setpoints, setpoints(np.full(16, 50e3)))
+    intruder.destroy_publisher(publisher)
+    until(loops, lambda _, message: message == "regulate", "the intruder gone")
+    loops.setpoints.publish(setpoints(np.full(16, 50e3)))
+    loops.feed_until(lambda opening: (opening > 0.1).all())

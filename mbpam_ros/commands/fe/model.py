@@ -10,10 +10,12 @@ from pathlib import Path
 from mbpam_ros.commands.workers import add_workers
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.fe.design_run import DEFAULT_MESH, FAST_MESH, FAST_WALL_MM, MESHES, Run
+from mbpam_ros.study.fe.material import Silicone
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.fe.paper_comparison import PaperPoint, paper_points
 from mbpam_ros.study.fe.posture import END_LENGTH_MM, END_WEIGHT_FACTOR
 from mbpam_ros.study.pictures import PictureError, require_matplotlib
+from mbpam_ros.study.silicone.known import load_silicone
 from mbpam_ros.terminal import Progress
 
 
@@ -47,6 +49,11 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--corner-fillet", type=float, default=0.0, metavar="MM", help="radius of the chambers' corners"
+    )
+    parser.add_argument(
+        "--silicone",
+        metavar="NAME",
+        help="of config/silicones.yaml, or a file of mbpam silicone (default: the paper's)",
     )
     parser.add_argument("--self-contact", action="store_true", help="let the arms of the cross rest on the wall")
     parser.add_argument("--active-length", type=float, default=default.active_length_mm, metavar="MM")
@@ -122,6 +129,7 @@ def run_of(options: argparse.Namespace, design: Sequence[float] | None = None, p
             end_length_mm=options.end_length,
             end_weight_factor=options.end_weight,
             self_contact=options.self_contact,
+            silicone=load_silicone(options.silicone) if options.silicone else Silicone(),
         )
     except ValueError as error:
         raise ArgumentError(str(error)) from error

@@ -24,7 +24,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from mbpam_ros.plant.mechanics.packed_arguments import Block
-from mbpam_ros.plant.mechanics.step import OK, Drive, Parts, advance, bind, forget
+from mbpam_ros.plant.mechanics.parts import Drive, Parts
+from mbpam_ros.plant.mechanics.step import OK, advance, bind, forget
 from mbpam_ros.plant.mechanics.vectors import Array
 
 _OUTER = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))

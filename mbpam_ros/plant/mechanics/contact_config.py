@@ -21,6 +21,7 @@ class ContactKind(IntEnum):
     FINGER_SUPPORT = 2
     OBJECT_PALM = 3
     FINGER_FINGER = 4
+    OBJECT_OBJECT = 5
 
 
 class ContactLaw(NamedTuple):
@@ -71,7 +72,7 @@ class ContactConfig:
 
 
 def law_table(configs: Mapping[ContactKind, ContactConfig]) -> NDArray[np.float64]:
-    """Return the laws of all kinds, a row a kind, shape (5, 6); :func:`~.contact_law.law_of` reads them.
+    """Return the laws of all kinds, a row a kind, shape (6, 6); :func:`~.contact_law.law_of` reads them.
 
     Raises:
         KeyError: a kind is missing.

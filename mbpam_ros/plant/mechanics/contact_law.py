@@ -1,10 +1,10 @@
 r"""Contact: the table of contacts, and the force law of each.
 
-A contact has a point, a normal N (into the body that is pushed: the object, a finger on the table, or of two fingers
-the one of higher number) and a Jacobian J that maps the system's velocities to the relative velocity (3) and relative
-turning rate (3) there. With depth d at the start of a step of length h (negative: a gap), the velocity v after it, the
-share w of the law's stiffness that the contact stands for, and what the springs of the patch hold at the start, x
-(tangential), psi (about N) and rho (rolling):
+Bodies are numbered: the fingers, then the objects. A contact has a point, a normal N (into the body that is pushed: the
+object, a finger on the table, or of two fingers or two objects the one of higher number) and a Jacobian J that maps the
+system's velocities to the relative velocity (3) and relative turning rate (3) there. With depth d at the start of a
+step of length h (negative: a gap), the velocity v after it, the share w of the law's stiffness that the contact stands
+for, and what the springs of the patch hold at the start, x (tangential), psi (about N) and rho (rolling):
 
     normal     f   = w max(0, k d - (k h + c) v.N)                     penalty at the end of the step; never pulls
                    = w max(0, (k + c / h) (d - h v.N)) where d < 0     a gap that closes within the step
@@ -49,16 +49,18 @@ class Contacts(NamedTuple):
         slot: what touches what, a number that the contact keeps from step to step and that rises along the table, (n,).
         depth, share: d and w, shape (n,).
         load: f as the bounds have it, shape (n,).
-        normal, jacobian: N, shape (n, 3), and J^T, shape (n, D + 6 or 2 D, whichever is more, 6); its rows: the
-            finger's D coordinates, then the object's six, or the D of the other finger.
+        limit: depth that would come out behind, or beside [m], shape (n,).
+        normal, jacobian: N, shape (n, 3), and J^T, shape (n, rows, 6); its rows: the D coordinates of a finger or an
+            object's six, then those of the other body. Of what touches no finger but a support they begin at D.
         springs: x, rho, psi at the start of the step, shape (n, 7).
         rise: part of the relative velocity along z that is the hand's, shape (n,).
-        finger, other: which take part; -1 for none.
+        one, other: bodies that take part, the lower number first; -1 for none: ``one`` where an object touches a
+            support or the palm, ``other`` where a finger does.
         kind: of :class:`~mbpam_ros.plant.mechanics.contact_config.ContactKind`, the row of the table of laws.
         velocity, force: relative velocity after the step, and the force and torque it makes, shape (n, 6).
         change: of the velocity along a step of its solution, shape (n, 6).
         push: f, shape (n,).
-        coordinates: D.
+        fingers, coordinates: how many muscles, and their D.
     """
 
     count: NDArray[np.int64]  # type: ignore[assignment]  # hides tuple.count, which nothing asks for
@@ -66,41 +68,55 @@ class Contacts(NamedTuple):
     depth: Array
     share: Array
     load: Array
+    limit: Array
     normal: Array
     jacobian: Array
     springs: Array
     rise: Array
-    finger: NDArray[np.int64]
+    one: NDArray[np.int64]
     other: NDArray[np.int64]
     kind: NDArray[np.int64]
     velocity: Array
     force: Array
     change: Array
     push: Array
+    fingers: int
     coordinates: int
 
 
-def contact_table(size: int, coordinates: int) -> Contacts:
-    """Return a table with room for ``size`` contacts of fingers with ``coordinates`` D each."""
+def contact_table(size: int, coordinates: int, fingers: int, objects: int = 1) -> Contacts:
+    """Return a table with room for ``size`` contacts of so many bodies, the fingers with ``coordinates`` D each."""
+    rows = max(coordinates + max(coordinates, 6), 12 if objects > 1 else 0)
     return Contacts(
         count=np.zeros(1, np.int64),
         slot=np.zeros(size, np.int64),
         depth=np.zeros(size),
         share=np.zeros(size),
         load=np.zeros(size),
+        limit=np.zeros(size),
         normal=np.zeros((size, 3)),
-        jacobian=np.zeros((size, coordinates + max(coordinates, 6), 6)),
+        jacobian=np.zeros((size, rows, 6)),
         springs=np.zeros((size, SPRINGS)),
         rise=np.zeros(size),
-        finger=np.zeros(size, np.int64),
+        one=np.zeros(size, np.int64),
         other=np.full(size, -1, np.int64),
         kind=np.zeros(size, np.int64),
         velocity=np.zeros((size, 6)),
         force=np.zeros((size, 6)),
         change=np.zeros((size, 6)),
         push=np.zeros(size),
+        fingers=fingers,
         coordinates=coordinates,
     )
+
+
+@kernel
+def equations_of(body: int, fingers: int, coordinates: int) -> tuple[int, int]:
+    """Return the first equation of a body, and the first of the next one."""
+    if body < fingers:
+        return coordinates * body, coordinates * (body + 1)
+    first = coordinates * fingers + 6 * (body - fingers)
+    return first, first + 6
 
 
 class Grip(NamedTuple):

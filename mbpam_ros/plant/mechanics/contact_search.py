@@ -14,15 +14,17 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbpam_ros.geometry.surfaces import PLANE, REST_POINTS, rest_points, signed_distance
 from mbpam_ros.plant.mechanics.contact_config import ContactKind
-from mbpam_ros.plant.mechanics.contact_law import Contacts
-from mbpam_ros.plant.mechanics.finger_contact import Lines, append_finger_contacts
+from mbpam_ros.plant.mechanics.contact_law import Contacts, equations_of
+from mbpam_ros.plant.mechanics.finger_contact import Lines, append_finger_contacts, near_ball, write_boxes
 from mbpam_ros.plant.mechanics.kernel import kernel
+from mbpam_ros.plant.mechanics.object_contact import PAIR_CONTACTS, append_object_contacts, object_columns, pair_room
 from mbpam_ros.plant.mechanics.outlook import Outlook, ball_velocity, closes, object_velocity, write_rates
 from mbpam_ros.plant.mechanics.rod import Motion, Rod, ball_jacobian, ball_position
-from mbpam_ros.plant.mechanics.vectors import Array, Vector, minus, plus, row, times, to_body, to_world, vector
+from mbpam_ros.plant.mechanics.vectors import Array, dot, minus, norm, plus, row, times, to_body, to_world, vector
 
 BALLS = 49
 """Balls along a muscle: 2.5 mm apart."""
@@ -35,27 +37,38 @@ class Surroundings(NamedTuple):
     """What muscles may touch.
 
     Args:
-        shape: code of the object's; -1 without an object.
-        half: half its sizes, shape (3,).
+        shapes, halves: of the objects, their codes and half sizes, shapes (K,) and (K, 3).
         planes: rows (depth, half size x, half size y) of level supports, the table last.
         table_in_reach: whether a muscle may touch the last plane.
         fingers_touch: whether muscles touch each other, or pass through each other.
     """
 
-    shape: int
-    half: Array
+    shapes: NDArray[np.int64]
+    halves: Array
     planes: Array
     table_in_reach: bool
     fingers_touch: bool = False
 
 
 class Places(NamedTuple):
-    """Where fingers and planes are: a clamp (3,), the table's origin (3,) and axes (3, 3), and room for rest points."""
+    """Where fingers and planes are, and room for what is sought.
+
+    Args:
+        base: a clamp, shape (3,).
+        plane, level: the table's origin and axes, shapes (3,) and (3, 3).
+        points, edges: room for rest points, and for two objects' edges.
+        ways: how far fingers, each object and the hand moved in the last sub-step [m], shape (K + 2,).
+        wide: whether fingers, and each object, are looked at from farther away: they moved so far when the sub-step was
+            done before, shape (K + 1,).
+    """
 
     base: Array
     plane: Array
     level: Array
     points: Array
+    edges: Array
+    ways: Array
+    wide: NDArray[np.bool_]
 
 
 def places(around: Surroundings) -> Places:
@@ -63,33 +76,25 @@ def places(around: Surroundings) -> Places:
     plane = np.zeros(3)
     if around.table_in_reach:
         plane[2] = around.planes[-1, 0]
-    return Places(np.zeros(3), plane, np.eye(3), np.zeros((REST_POINTS, 5)))
+    bodies = 1 + len(around.shapes)
+    points, ways, wide = np.zeros((REST_POINTS, 5)), np.zeros(bodies + 1), np.zeros(bodies, np.bool_)
+    return Places(np.zeros(3), plane, np.eye(3), points, pair_room(), ways, wide)
 
 
-def contact_limit(fingers: int, planes: int, fingers_touch: bool = False) -> int:
+def contact_limit(fingers: int, planes: int, fingers_touch: bool = False, objects: int = 1) -> int:
     """Return the most contacts that can be."""
     between = BALLS * fingers * (fingers - 1) if fingers_touch else 0
-    return 2 * BALLS * fingers + between + REST_POINTS * (planes + 1)
-
-
-@kernel
-def _object_columns(place: Vector, d: int, jacobian: Array) -> None:
-    """Write the velocity at a place from a body's centre into columns D to D + 5 of ``jacobian``."""
-    x, y, z = place
-    for i in range(6):
-        for j in range(6):
-            jacobian[i, d + j] = 1.0 if i == j else 0.0
-    jacobian[0, d + 4], jacobian[0, d + 5] = z, -y
-    jacobian[1, d + 3], jacobian[1, d + 5] = -z, x
-    jacobian[2, d + 3], jacobian[2, d + 4] = y, -x
+    pairs = objects * (objects - 1) // 2
+    at_rest = REST_POINTS * (planes + 1) * objects
+    return (objects + 1) * BALLS * fingers + between + at_rest + PAIR_CONTACTS * pairs
 
 
 @kernel(forceinline=True)
 def _muscle_contacts(
-    rod: Rod, motion: Motion, finger: int, base: Array, shape: int, half: Array, centre: Array, rotation: Array,
-    slot: int, rise: float, outlook: Outlook, contacts: Contacts,
+    rod: Rod, motion: Motion, finger: int, base: Array, body: int, shape: int, half: Array, centre: Array,
+    rotation: Array, slot: int, rise: float, outlook: Outlook, contacts: Contacts,
 ) -> None:  # fmt: skip
-    """Append the contacts of one muscle with one solid.
+    """Append the contacts of one muscle with one solid: an object, or no body.
 
     The distance changes by no more than the arc length: far from the solid, balls are left out.
     """
@@ -110,17 +115,15 @@ def _muscle_contacts(
         arm = times(-0.5 * (distance + rod.radius), outward)  # to the point half-way between the two surfaces
         muscle, solid = plus(ball_velocity(rod, outlook, finger, k), (0.0, 0.0, -rise)), (0.0, 0.0, 0.0)
         if shape != PLANE:
-            solid = object_velocity(outlook, plus(place, arm))
+            solid = object_velocity(
+                outlook, equations_of(body, contacts.fingers, contacts.coordinates)[0], plus(place, arm)
+            )
         if not closes(outlook, depth, outward, solid, muscle):
             continue
         n = contacts.count[0]
         contacts.count[0] = n + 1
-        contacts.depth[n], contacts.slot[n], contacts.finger[n], contacts.rise[n] = (
-            depth,
-            slot + k,
-            finger,
-            sign * -rise,
-        )
+        contacts.depth[n], contacts.limit[n], contacts.rise[n] = depth, rod.radius, sign * -rise
+        contacts.slot[n], contacts.one[n], contacts.other[n] = slot + k, finger, body
         contacts.kind[n] = ContactKind.FINGER_SUPPORT if shape == PLANE else ContactKind.FINGER_OBJECT
         # The length about the ball, over the radius; the rounded tip counts as one radius more.
         length = rod.spacing if 0 < k < balls - 1 else 0.5 * rod.spacing
@@ -129,21 +132,25 @@ def _muscle_contacts(
         normal[0], normal[1], normal[2] = times(sign, outward)
         ball_jacobian(rod, motion, finger, k, sign, arm, jacobian)
         if shape != PLANE:
-            _object_columns(plus(place, arm), contacts.coordinates, jacobian)
+            object_columns(plus(place, arm), contacts.coordinates, jacobian)
 
 
 @kernel
 def _rest_contacts(
-    around: Surroundings, centre: Array, rotation: Array, lift: float, hand_velocity: float, points: Array,
+    around: Surroundings, k: int, centre: Array, rotation: Array, lift: float, hand_velocity: float, points: Array,
     slot: int, reach: float, contacts: Contacts,
 ) -> None:  # fmt: skip
-    """Append the contacts of the object with its supports and the palm."""
+    """Append the contacts of object ``k`` with its supports and the palm."""
+    shape, half = around.shapes[k], around.halves[k]
+    farthest = norm(vector(half, 0)) + reach
     for p in range(around.planes.shape[0] + 1):
         palm = p == around.planes.shape[0]
+        if (centre[2] + lift > farthest) if palm else (centre[2] + farthest < around.planes[p, 0]):
+            continue
         foot_x = np.inf if palm else around.planes[p, 1]
         foot_y = np.inf if palm else around.planes[p, 2]
-        for k in range(rest_points(around.shape, around.half, centre, rotation, foot_x, foot_y, points)):
-            place = minus(row(points, k), vector(centre, 0))
+        for point in range(rest_points(shape, half, centre, rotation, foot_x, foot_y, points)):
+            place = minus(row(points, point), vector(centre, 0))
             if palm:  # all solids are symmetric about their centres: their highest points mirror the lowest
                 place = times(-1.0, place)
                 depth = -lift - centre[2] - place[2]
@@ -153,42 +160,93 @@ def _rest_contacts(
                 continue
             n = contacts.count[0]
             contacts.count[0] = n + 1
-            contacts.depth[n], contacts.share[n] = depth, points[k, 4]
-            contacts.slot[n] = slot + REST_POINTS * p + int(points[k, 3])
+            contacts.depth[n], contacts.share[n], contacts.limit[n] = depth, points[point, 4], PLATE_THICKNESS_M
+            contacts.slot[n] = slot + REST_POINTS * p + int(points[point, 3])
             contacts.normal[n, 0], contacts.normal[n, 1] = 0.0, 0.0
             contacts.normal[n, 2] = 1.0 if palm else -1.0
             contacts.rise[n] = hand_velocity if palm else 0.0
-            contacts.finger[n], contacts.kind[n] = -1, ContactKind.OBJECT_PALM if palm else ContactKind.OBJECT_SUPPORT
-            _object_columns(place, contacts.coordinates, contacts.jacobian[n].T)
+            contacts.one[n], contacts.other[n] = -1, contacts.fingers + k
+            contacts.kind[n] = ContactKind.OBJECT_PALM if palm else ContactKind.OBJECT_SUPPORT
+            object_columns(place, contacts.coordinates, contacts.jacobian[n].T)
+
+
+@kernel
+def look(room: Places, one: int, other: int, pull: float, hand_m: float) -> tuple[float, float]:
+    """Return below which gap of two bodies a contact is sought, and below which it is one however they move.
+
+    ``one`` and ``other``: 0 for a finger, 1 + k for object k. ``pull``: how far gravity lets fall in a sub-step what is
+    seen late; ``hand_m``: how far the hand moves.
+    """
+    way = closing(room.ways, one, other)
+    if room.wide[one] or room.wide[other]:
+        return 1.1 * way, 1.1 * way
+    return pull + 1.5 * (way + hand_m), pull
+
+
+@kernel
+def closing(ways: Array, one: int, other: int) -> float:
+    """Return how far two bodies come nearer to each other at the most; a finger to an object as far as to a finger."""
+    way: float = ways[0] + max(ways[0], ways[other]) + ways[-1] if one == 0 else ways[one] + ways[other]
+    return way
 
 
 @kernel(inline="always")
 def find_contacts(
-    bases: Array, rod: Rod, motion: Motion, around: Surroundings, centre: Array, rotation: Array,
-    lift: float, hand_velocity: float, near: bool, outlook: Outlook, room: Places, room_of_lines: Lines,
-    contacts: Contacts,
+    bases: Array, rod: Rod, motion: Motion, around: Surroundings, position: Array, rotation: Array,
+    lift: float, hand_velocity: float, near: bool, step_s: float, pull: float, velocity: Array, rates: Array,
+    room: Places, room_of_lines: Lines, contacts: Contacts,
 ) -> None:  # fmt: skip
     """Fill the table from the configuration at the start of a sub-step; without muscles if nothing is ``near`` one."""
-    base = room.base
+    base, objects, fingers, hand_m = room.base, around.shapes.shape[0], bases.shape[0], abs(step_s * hand_velocity)
     contacts.count[0] = 0
+    widest, _ = look(room, 0, 0, pull, hand_m)
+    for k in range(objects):
+        widest = max(widest, look(room, 0, 1 + k, pull, hand_m)[0])
     if near:
-        write_rates(motion, contacts.coordinates, outlook)
-    for f in range(bases.shape[0] if near else 0):
+        write_rates(motion, contacts.coordinates, velocity, rates)
+        write_boxes(bases, rod, motion, 0.5 * widest, room_of_lines)
+    for f in range(fingers if near else 0):
         base[0], base[1], base[2] = bases[f, 0], bases[f, 1], bases[f, 2] - lift
-        for kind in (ContactKind.FINGER_OBJECT, ContactKind.FINGER_SUPPORT):
-            on_object = kind == ContactKind.FINGER_OBJECT
-            if (on_object and around.shape < 0) or not (on_object or around.table_in_reach):
+        for k in range(objects + 1):
+            on_object = k < objects
+            body, shape, half, place, turn = -1, PLANE, room.plane, room.plane, room.level
+            reach, own_pull = look(room, 0, 1 + k if on_object else 0, pull, hand_m)
+            if on_object:
+                body, shape, half, place, turn = (
+                    fingers + k,
+                    around.shapes[k],
+                    around.halves[k],
+                    position[k],
+                    rotation[k],
+                )
+                x, y, z = row(position, k)
+                if not near_ball(room_of_lines, f, (x, y, z + lift), norm(vector(half, 0)) + 0.5 * widest):
+                    continue
+            elif not around.table_in_reach:
                 continue
-            shape, place, turn = around.shape, centre, rotation
-            if not on_object:
-                shape, place, turn = PLANE, room.plane, room.level
-            slot = BALLS * (2 * f + (0 if on_object else 1))
+            slot = BALLS * ((objects + 1) * f + k)
+            outlook = Outlook(step_s, reach, own_pull, velocity, rates)
             _muscle_contacts(
-                rod, motion, f, base, shape, around.half, place, turn, slot, hand_velocity, outlook, contacts
+                rod, motion, f, base, body, shape, half, place, turn, slot, hand_velocity, outlook, contacts
             )
-    rest = 2 * BALLS * bases.shape[0]
-    if around.shape >= 0:
-        _rest_contacts(around, centre, rotation, lift, hand_velocity, room.points, rest, outlook.reach, contacts)
+    slot = BALLS * (objects + 1) * fingers
+    for k in range(objects):
+        reach, _ = look(room, 0, 1 + k, pull, hand_m)
+        _rest_contacts(around, k, position[k], rotation[k], lift, hand_velocity, room.points, slot, reach, contacts)
+        slot += REST_POINTS * (around.planes.shape[0] + 1)
     if around.fingers_touch and near:
-        between = rest + REST_POINTS * (around.planes.shape[0] + 1)
-        append_finger_contacts(bases, rod, motion, room_of_lines, between, outlook, contacts)
+        reach, own_pull = look(room, 0, 0, pull, hand_m)
+        outlook = Outlook(step_s, reach, own_pull, velocity, rates)
+        append_finger_contacts(bases, rod, motion, room_of_lines, slot, outlook, contacts)
+    slot += BALLS * fingers * (fingers - 1)
+    for other in range(1, objects):
+        for one in range(other):
+            reach, own_pull = look(room, 1 + one, 1 + other, pull, 0.0)
+            apart = minus(row(position, one), row(position, other))
+            touch = norm(row(around.halves, one)) + norm(row(around.halves, other)) + reach
+            if dot(apart, apart) < touch * touch:
+                outlook = Outlook(step_s, reach, own_pull, velocity, rates)
+                append_object_contacts(
+                    around.shapes, around.halves, position, rotation, one, other, slot, room.edges, outlook, contacts
+                )
+            slot += PAIR_CONTACTS

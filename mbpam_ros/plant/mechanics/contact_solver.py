@@ -13,8 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.plant.mechanics.contact_config import ContactKind
-from mbpam_ros.plant.mechanics.contact_law import Contacts, bounds_hold, contact_force, contact_slope, law_of
+from mbpam_ros.plant.mechanics.contact_law import (
+    Contacts,
+    bounds_hold,
+    contact_force,
+    contact_slope,
+    equations_of,
+    law_of,
+)
 from mbpam_ros.plant.mechanics.kernel import kernel
 from mbpam_ros.plant.mechanics.vectors import Array, Vector, cross
 
@@ -96,7 +102,7 @@ class Scratch(NamedTuple):
 
 
 def scratch(size: int, bodies: int, contacts: int) -> Scratch:
-    """Return room for ``size`` equations of so many bodies, the object last, and contacts."""
+    """Return room for ``size`` equations of so many bodies, the fingers first, and contacts."""
     island, place, rows, members, first = (np.zeros(n, np.int64) for n in (bodies, bodies, size, contacts, size))
     v, smooth, pull, residual, step = (np.empty(size) for _ in range(5))
     a, hessian, slope, trial = np.empty((size, size)), np.empty((size, size)), np.empty((2, 3, 3)), np.empty(6)
@@ -109,7 +115,7 @@ def find_islands(contacts: Contacts, bodies: int, island: NDArray[np.int64]) -> 
     for body in range(bodies):
         island[body] = -1
     for c in range(contacts.count[0]):
-        one, other = _bodies(contacts, c, bodies)
+        one, other = _bodies(contacts, c)
         for body in (one, other):
             if island[body] < 0:
                 island[body] = body
@@ -121,36 +127,32 @@ def find_islands(contacts: Contacts, bodies: int, island: NDArray[np.int64]) -> 
 
 
 @kernel
-def _bodies(contacts: Contacts, c: int, bodies: int) -> tuple[int, int]:
-    """Return the two bodies of a contact, a finger first; one twice where it touches what is no body."""
-    finger, kind = contacts.finger[c], contacts.kind[c]
-    if kind == ContactKind.FINGER_FINGER:
-        return finger, contacts.other[c]
-    if kind == ContactKind.FINGER_SUPPORT:
-        return finger, finger
-    return (finger if finger >= 0 else bodies - 1), bodies - 1
+def _bodies(contacts: Contacts, c: int) -> tuple[int, int]:
+    """Return the two bodies of a contact, the lower number first; one twice where it touches what is no body."""
+    one, other = contacts.one[c], contacts.other[c]
+    return (one if one >= 0 else other), (other if other >= 0 else one)
 
 
 @kernel
 def _gather(a: Array, contacts: Contacts, label: int, room: Scratch) -> tuple[int, int]:
     """Write what equations and contacts an island has, their envelope and a; return how many of each."""
-    bodies, size, coordinates = room.island.shape[0], a.shape[0], contacts.coordinates
     n, count, first = 0, 0, room.first
-    for body in range(bodies):
+    for body in range(room.island.shape[0]):
         if room.island[body] == label:
             room.place[body] = n
-            own = coordinates if body < bodies - 1 else size - coordinates * (bodies - 1)
-            for i in range(own):
-                room.rows[n + i], first[n + i] = coordinates * body + i, n
-            n += own
+            begin, end = equations_of(body, contacts.fingers, contacts.coordinates)
+            for i in range(end - begin):
+                room.rows[n + i], first[n + i] = begin + i, n
+            n += end - begin
     for c in range(contacts.count[0]):
-        one, other = _bodies(contacts, c, bodies)
+        one, other = _bodies(contacts, c)
         if room.island[one] == label:
             room.members[count] = c
             count += 1
-            start, own = room.place[other], coordinates if other < bodies - 1 else size - coordinates * (bodies - 1)
+            start = room.place[other]
             if room.place[one] < first[start]:
-                for i in range(start, start + own):
+                begin, end = equations_of(other, contacts.fingers, contacts.coordinates)
+                for i in range(start, start + end - begin):
                     first[i] = room.place[one]
     for i in range(n):
         for j in range(first[i], i + 1):
@@ -159,14 +161,15 @@ def _gather(a: Array, contacts: Contacts, label: int, room: Scratch) -> tuple[in
 
 
 @kernel
-def _columns(contacts: Contacts, c: int, room: Scratch) -> tuple[int, int, int, int]:
-    """Return the columns of the Jacobian from and to which a contact acts, and where its two parts go in the island."""
-    coordinates, finger = contacts.coordinates, max(contacts.finger[c], 0)
-    if contacts.kind[c] == ContactKind.FINGER_FINGER:
-        return 0, 2 * coordinates, room.place[finger], room.place[contacts.other[c]] - coordinates
-    start = 0 if contacts.finger[c] >= 0 else coordinates
-    stop = coordinates if contacts.kind[c] == ContactKind.FINGER_SUPPORT else coordinates + 6
-    return start, stop, room.place[finger], room.place[-1] - coordinates
+def _columns(contacts: Contacts, c: int, room: Scratch) -> tuple[int, int, int, int, int]:
+    """Return where the rows of J^T begin, change to the other body and end, and what to add to them in the island.
+
+    Two sums: for the rows of one body, and for those of the other.
+    """
+    fingers, coordinates, one, other = contacts.fingers, contacts.coordinates, contacts.one[c], contacts.other[c]
+    split = coordinates if one < fingers else 6
+    stop = split if other < 0 else split + (coordinates if other < fingers else 6)
+    return (0 if one >= 0 else split), split, stop, room.place[max(one, 0)], room.place[max(other, 0)] - split
 
 
 @kernel
@@ -183,13 +186,13 @@ def _product(a: Array, n: int, v: Array, first: NDArray[np.int64], product: Arra
 @kernel
 def _relative(contacts: Contacts, count: int, room: Scratch, v: Array, relative: Array) -> None:
     """Write J v of the island's contacts, into rows of shape (6,)."""
-    coordinates, jacobian = contacts.coordinates, contacts.jacobian
+    jacobian = contacts.jacobian
     for member in range(count):
         c = room.members[member]
-        start, stop, finger, body = _columns(contacts, c, room)
+        start, split, stop, one, other = _columns(contacts, c, room)
         x, y, z, turn_x, turn_y, turn_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(start, stop):
-            rate = v[finger + j if j < coordinates else body + j]
+            rate = v[one + j if j < split else other + j]
             x, y, z = x + jacobian[c, j, 0] * rate, y + jacobian[c, j, 1] * rate, z + jacobian[c, j, 2] * rate
             turn_x, turn_y, turn_z = (
                 turn_x + jacobian[c, j, 3] * rate,
@@ -220,16 +223,16 @@ def _push(h: float, laws: Array, contacts: Contacts, count: int, room: Scratch, 
 @kernel
 def _residual(n: int, h: float, contacts: Contacts, count: int, room: Scratch) -> None:
     """Write a v - b - h sum J^T F of the smooth part a v - b and the forces in the table."""
-    coordinates, jacobian, force, residual = contacts.coordinates, contacts.jacobian, contacts.force, room.residual
+    jacobian, force, residual = contacts.jacobian, contacts.force, room.residual
     for i in range(n):
         residual[i] = room.smooth[i]
     for member in range(count):
         c = room.members[member]
-        start, stop, finger, body = _columns(contacts, c, room)
+        start, split, stop, one, other = _columns(contacts, c, room)
         x, y, z = h * force[c, 0], h * force[c, 1], h * force[c, 2]
         turn_x, turn_y, turn_z = h * force[c, 3], h * force[c, 4], h * force[c, 5]
         for j in range(start, stop):
-            residual[finger + j if j < coordinates else body + j] -= (
+            residual[one + j if j < split else other + j] -= (
                 jacobian[c, j, 0] * x + jacobian[c, j, 1] * y + jacobian[c, j, 2] * z
                 + jacobian[c, j, 3] * turn_x + jacobian[c, j, 4] * turn_y + jacobian[c, j, 5] * turn_z
             )  # fmt: skip
@@ -259,9 +262,9 @@ def _add_object(
 def _hessian(n: int, h: float, laws: Array, contacts: Contacts, count: int, room: Scratch) -> None:
     """Write the derivative of the residual; only its lower half.
 
-    The object's columns of J are those of a rigid body: they are not multiplied out.
+    An object's columns of J are those of a rigid body: they are not multiplied out, but for two objects on each other.
     """
-    coordinates, jacobian = contacts.coordinates, contacts.jacobian
+    fingers, jacobian = contacts.fingers, contacts.jacobian
     hessian, slope, first = room.hessian, room.slope, room.first
     for i in range(n):
         for j in range(first[i], i + 1):
@@ -272,24 +275,24 @@ def _hessian(n: int, h: float, laws: Array, contacts: Contacts, count: int, room
             law_of(laws, contacts.kind[c]), h, contacts.depth[c], contacts.share[c], contacts.load[c],
             contacts.normal[c], contacts.springs[c], contacts.velocity[c], slope,
         )  # fmt: skip
-        start, stop, finger, body = _columns(contacts, c, room)
+        start, split, stop, one, other = _columns(contacts, c, room)
         vxx, vxy, vxz = h * slope[0, 0, 0], h * slope[0, 0, 1], h * slope[0, 0, 2]
         vyy, vyz, vzz = h * slope[0, 1, 1], h * slope[0, 1, 2], h * slope[0, 2, 2]
         wxx, wxy, wxz = h * slope[1, 0, 0], h * slope[1, 0, 1], h * slope[1, 0, 2]
         wyy, wyz, wzz = h * slope[1, 1, 1], h * slope[1, 1, 2], h * slope[1, 2, 2]
-        on_object = stop > coordinates and contacts.kind[c] != ContactKind.FINGER_FINGER
-        o, arm = body + coordinates, (0.0, 0.0, 0.0)
+        on_object = contacts.other[c] >= fingers > contacts.one[c]  # and on no other one
+        o, arm = other + split, (0.0, 0.0, 0.0)
         if on_object:
             arm = (  # as the search wrote it into the columns of turning
-                jacobian[c, coordinates + 5, 1],
-                jacobian[c, coordinates + 3, 2],
-                jacobian[c, coordinates + 4, 0],
+                jacobian[c, split + 5, 1],
+                jacobian[c, split + 3, 2],
+                jacobian[c, split + 4, 0],
             )
             stiff = ((vxx, vxy, vxz), (vxy, vyy, vyz), (vxz, vyz, vzz))
             turning = ((wxx, wxy, wxz), (wxy, wyy, wyz), (wxz, wyz, wzz))
             _add_object(stiff, turning, arm, o, hessian)
-        for i in range(start, coordinates if on_object else stop):
-            row = finger + i if i < coordinates else body + i
+        for i in range(start, split if on_object else stop):
+            row = one + i if i < split else other + i
             x, y, z = jacobian[c, i, 0], jacobian[c, i, 1], jacobian[c, i, 2]
             x, y, z = vxx * x + vxy * y + vxz * z, vxy * x + vyy * y + vyz * z, vxz * x + vyz * y + vzz * z
             p, q, r = jacobian[c, i, 3], jacobian[c, i, 4], jacobian[c, i, 5]
@@ -302,13 +305,13 @@ def _hessian(n: int, h: float, laws: Array, contacts: Contacts, count: int, room
                 hessian[o + 3, row] += moment[0] + p
                 hessian[o + 4, row] += moment[1] + q
                 hessian[o + 5, row] += moment[2] + r
-            for j in range(start, min(i + 1, coordinates)):
-                hessian[row, finger + j] += (
+            for j in range(start, min(i + 1, split)):
+                hessian[row, one + j] += (
                     x * jacobian[c, j, 0] + y * jacobian[c, j, 1] + z * jacobian[c, j, 2]
                     + p * jacobian[c, j, 3] + q * jacobian[c, j, 4] + r * jacobian[c, j, 5]
                 )  # fmt: skip
-            for j in range(coordinates, i + 1):
-                hessian[row, body + j] += (
+            for j in range(split, i + 1):
+                hessian[row, other + j] += (
                     x * jacobian[c, j, 0] + y * jacobian[c, j, 1] + z * jacobian[c, j, 2]
                     + p * jacobian[c, j, 3] + q * jacobian[c, j, 4] + r * jacobian[c, j, 5]
                 )  # fmt: skip

@@ -75,16 +75,13 @@ def fingers_near(room: Lines) -> bool:
 
 
 @kernel
-def near_ball(room: Lines, centre: Vector, radius: float) -> bool:
-    """Return whether any finger's box is within a radius of a place."""
-    for f in range(room.boxes.shape[0]):
-        off = 0.0
-        for i in range(3):
-            aside = max(room.boxes[f, 0, i] - centre[i], centre[i] - room.boxes[f, 1, i], 0.0)
-            off += aside * aside
-        if off < radius * radius:
-            return True
-    return False
+def near_ball(room: Lines, finger: int, centre: Vector, radius: float) -> bool:
+    """Return whether a finger's box is within a radius of a place."""
+    off, boxes = 0.0, room.boxes
+    for i in range(3):
+        aside = max(boxes[finger, 0, i] - centre[i], centre[i] - boxes[finger, 1, i], 0.0)
+        off += aside * aside
+    return off < radius * radius
 
 
 @kernel
@@ -99,8 +96,7 @@ def _overlap(one: Array, other: Array) -> bool:
 def append_finger_contacts(
     bases: Array, rod: Rod, motion: Motion, room: Lines, slot: int, outlook: Outlook, contacts: Contacts
 ) -> None:
-    """Append the contacts of all fingers with each other, in slots from ``slot`` on."""
-    write_boxes(bases, rod, motion, 0.5 * outlook.reach, room)
+    """Append the contacts of all fingers with each other, in slots from ``slot`` on; their boxes are those now."""
     if not fingers_near(room):
         return
     _write_points(bases, rod, motion, _FINE_STRIDE, room.points)
@@ -223,7 +219,8 @@ def _ball_contacts(
         # Half the length about the ball, over the radius; the rounded tip counts as one radius more.
         length = rod.spacing if 0 < k < balls - 1 else 0.5 * rod.spacing
         contacts.share[n] = 0.5 * (length / rod.radius + (1.0 if k == balls - 1 else 0.0))
-        contacts.finger[n], contacts.other[n] = min(one, other), max(one, other)
+        contacts.one[n], contacts.other[n] = min(one, other), max(one, other)
+        contacts.limit[n] = rod.radius
         normal = times(toward, outward)
         contacts.normal[n, 0], contacts.normal[n, 1], contacts.normal[n, 2] = normal
         coordinates, jacobian = contacts.coordinates, contacts.jacobian[n].T

@@ -18,7 +18,6 @@ class Outlook(NamedTuple):
         pull: gaps below are contacts however they move [m]; of those up to ``reach`` the ones that close within two
             steps if all goes on as it does.
         velocity: of the system, shape (n,).
-        object: place of the object's six in it.
         rates: of the directors of the muscles, shape (4, N + 1, 3).
     """
 
@@ -26,20 +25,19 @@ class Outlook(NamedTuple):
     reach: float
     pull: float
     velocity: Array
-    object: int
     rates: Array
 
 
 @kernel
-def write_rates(motion: Motion, coordinates: int, outlook: Outlook) -> None:
+def write_rates(motion: Motion, coordinates: int, velocity: Array, rates: Array) -> None:
     """Write the rates of the directors."""
-    rates, slope = outlook.rates, motion.slope
+    slope = motion.slope
     for f in range(rates.shape[0]):
         for k in range(rates.shape[1]):
             for i in range(3):
                 total = 0.0
                 for j in range(coordinates):
-                    total += slope[k, i, j, f] * outlook.velocity[f * coordinates + j]
+                    total += slope[k, i, j, f] * velocity[f * coordinates + j]
                 rates[f, k, i] = total
 
 
@@ -54,9 +52,9 @@ def ball_velocity(rod: Rod, outlook: Outlook, finger: int, ball: int) -> Vector:
 
 
 @kernel
-def object_velocity(outlook: Outlook, place: Vector) -> Vector:
-    """Return the velocity of the object at a place from its centre."""
-    return plus(vector(outlook.velocity, outlook.object), cross(vector(outlook.velocity, outlook.object + 3), place))
+def object_velocity(outlook: Outlook, first: int, place: Vector) -> Vector:
+    """Return the velocity of an object at a place from its centre; its six begin at ``first``."""
+    return plus(vector(outlook.velocity, first), cross(vector(outlook.velocity, first + 3), place))
 
 
 @kernel

@@ -1,9 +1,9 @@
-"""Tier ``rod`` with fewer modes, and without the object, while nothing is within the muscles' reach.
+"""Tier ``rod`` with fewer modes, and without the objects, while nothing is within the muscles' reach.
 
-Before each step in the air the gap between muscles and object is set beside how far the muscles may come within it.
+Before each step in the air the gap between muscles and objects is set beside how far the muscles may come within it.
 Stepping up adds modes that start at zero, which moves nothing but what the number of points along a rod changes.
 Stepping down drops modes; ten times a second it is tried, and done if no tip moves by more than what is allowed and the
-object is at rest, where it then stays. Every change is logged.
+objects are at rest, where they then stay. Every change is logged.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class AdaptiveTier(Tier):
 
     Args:
         air: the muscles alone.
-        contact: the muscles, the object and all that they may touch.
+        contact: the muscles, the objects and all that they may touch.
         setup, fidelity: of ``contact``.
 
     Raises:
@@ -50,7 +50,7 @@ class AdaptiveTier(Tier):
         if setup.body is None:
             raise TierError("a number of modes that changes is for a scene with an object")
         self._air, self._contact = air, contact
-        self._setup, self._body, self._sub_step_s = setup, setup.body, fidelity.sub_step_s
+        self._setup, self._sub_step_s = setup, fidelity.sub_step_s
         self._gravity_m_s2 = setup.gravity_vector_m_s2
         self._largest_jump_m = 1e-2 * fidelity.largest_jump_pct * setup.geometry.active_length_m
 
@@ -64,7 +64,7 @@ class AdaptiveTier(Tier):
         self._contact.reset(actuation)
         self._active = self._contact
         self._time_s = self._look_s = 0.0
-        self._turn, self._centre_m = self._object_place()
+        self._places = self._object_places()
 
     def step(self, actuation: Actuation, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
         duration_s = (len(hand_height_m) - 1) * self._sub_step_s
@@ -86,10 +86,10 @@ class AdaptiveTier(Tier):
     def state(self) -> TierState:
         if self.in_contact_tier:
             return self._contact.state()
-        still, moving = self._contact.state(), self._air.state()
-        return dataclasses.replace(
-            moving, body=still.body, support_force_n=still.support_force_n, palm_force_n=still.palm_force_n
+        still = tuple(
+            dataclasses.replace(each, finger_n=np.zeros_like(each.finger_n)) for each in self._contact.body_forces()
         )
+        return dataclasses.replace(self._air.state(), bodies=self._contact.body_states(), body_forces=still)
 
     def _look_up(self, duration_s: float, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
         lines = self._air.centreline_m()
@@ -99,8 +99,8 @@ class AdaptiveTier(Tier):
         self._look_s = self._time_s + max(gap_m - LEAST_GAP_M, 0.0) / _FASTEST_M_S - duration_s
 
     def _look_down(self, duration_s: float, hand_height_m: Array, hand_velocity_m_s: Array) -> None:
-        if self._object_rests():
-            self._turn, self._centre_m = self._object_place()
+        if self._objects_rest():
+            self._places = self._object_places()
             lines = self._contact.centreline_m()
             gap_m = self._gap_m(lines, hand_height_m[0])
             if gap_m > _STEP_DOWN_GAP * self._reach_m(duration_s, hand_velocity_m_s):
@@ -128,23 +128,29 @@ class AdaptiveTier(Tier):
         )  # fmt: skip
         self._active = tier
 
-    def _object_rests(self) -> bool:
-        body, support_force_n = self._contact.object_state(), self._contact.state().support_force_n
-        weight_n = self._body.mass_kg * self._gravity_m_s2
-        return bool(
-            np.linalg.norm(body.velocity_m_s) < _REST_M_S
-            and np.linalg.norm(body.angular_velocity_rad_s) < _REST_RAD_S
-            and np.linalg.norm(support_force_n + weight_n) < 0.01 * np.linalg.norm(weight_n)
+    def _objects_rest(self) -> bool:
+        return all(
+            np.linalg.norm(there.velocity_m_s) < _REST_M_S
+            and np.linalg.norm(there.angular_velocity_rad_s) < _REST_RAD_S
+            and np.linalg.norm(forces.support_n + forces.objects_n + body.mass_kg * self._gravity_m_s2)
+            < 0.01 * np.linalg.norm(body.mass_kg * self._gravity_m_s2)
+            for body, there, forces in zip(
+                self._setup.bodies, self._contact.body_states(), self._contact.body_forces(), strict=True
+            )
         )
 
-    def _object_place(self) -> tuple[Array, Array]:
-        """Axes, in columns, and centre of the object in the world, shapes (3, 3) and (3,)."""
-        body = self._contact.object_state()
-        return rotation_matrix(body.orientation_xyzw), body.position_m
+    def _object_places(self) -> list[tuple[Array, Array]]:
+        """Axes, in columns, and centre of each object in the world, shapes (3, 3) and (3,)."""
+        return [(rotation_matrix(body.orientation_xyzw), body.position_m) for body in self._contact.body_states()]
 
     def _gap_m(self, lines_m: Array, hand_height_m: float) -> float:
-        """Smallest distance of the muscles' surface from the object's; negative where they overlap."""
-        centre = self._centre_m + (0.0, 0.0, hand_height_m)  # in gripper_base
-        points = (lines_m.reshape(-1, 3) - centre) @ self._turn
-        gap_m = distance_m(self._body.shape, self._body.size_m, points).min() - self._setup.geometry.outer_radius_m
-        return float(gap_m)
+        """Smallest distance of the muscles' surface from an object's; negative where they overlap."""
+        nearest_m = min(
+            distance_m(
+                body.shape,
+                body.size_m,
+                (lines_m.reshape(-1, 3) - (centre_m + (0.0, 0.0, hand_height_m))) @ turn,  # in gripper_base
+            ).min()
+            for body, (turn, centre_m) in zip(self._setup.bodies, self._places, strict=True)
+        )
+        return float(nearest_m) - self._setup.geometry.outer_radius_m

@@ -80,6 +80,7 @@ class TierSetup:
         gravity_m_s2: acceleration of gravity.
         gravity_direction: unit vector along which it acts, ``gripper_base``; +z where the muscles hang.
         body: the object, or none.
+        others: further objects; none without ``body``.
         planes_m: rows (depth, half size x, half size y) of level supports; an endless one has infinite half sizes.
         config: constants of muscles and contacts.
         fingers_touch: whether muscles touch each other; otherwise they pass through each other.
@@ -93,6 +94,12 @@ class TierSetup:
     config: PlantConfig
     fingers_touch: bool = False
     gravity_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    others: tuple[RigidBody, ...] = ()
+
+    @property
+    def bodies(self) -> tuple[RigidBody, ...]:
+        """All objects, ``body`` first."""
+        return () if self.body is None else (self.body, *self.others)
 
     @property
     def gravity_vector_m_s2(self) -> Array:
@@ -118,12 +125,32 @@ class Actuation:
 
 @dataclass(frozen=True)
 class BodyState:
-    """Pose and velocity of the object, world frame: (3,) [m], (4,), (3,) [m/s], (3,) [rad/s]."""
+    """Pose and velocity of an object, world frame: (3,) [m], (4,), (3,) [m/s], (3,) [rad/s]."""
 
     position_m: Array
     orientation_xyzw: Array
     velocity_m_s: Array
     angular_velocity_rad_s: Array
+
+
+@dataclass(frozen=True)
+class BodyForces:
+    """Forces on one object, world frame [N].
+
+    Args:
+        finger_n: of each finger, shape (4, 3).
+        support_n, palm_n, objects_n: of its supports, the palm and all other objects, shape (3,).
+    """
+
+    finger_n: Array
+    support_n: Array
+    palm_n: Array
+    objects_n: Array
+
+    @classmethod
+    def none(cls, fingers: int) -> BodyForces:
+        """Return those on what so many fingers, and all else, leave alone."""
+        return cls(np.zeros((fingers, 3)), *np.zeros((3, 3)))
 
 
 @dataclass(frozen=True)
@@ -136,20 +163,41 @@ class TierState:
             and y. Of all such vectors the one nearest to the curvature added up along the muscle, so that it goes on
             beyond 180 deg; with constant curvature it is that sum.
         centreline_m: points of the centre lines in ``gripper_base``, evenly from clamp to tip, shape (4, n, 3).
-        body: the object, or none.
-        finger_force_n: force of each finger on the object, world frame, shape (4, 3).
-        support_force_n, palm_force_n: force of the support and of the palm on the object, world frame, shape (3,).
+        bodies: the objects.
+        body_forces: on each of them.
         between_fingers_force_n: force on each finger of the other fingers, world frame, shape (4, 3).
     """
 
     bend_rad: Array
     bend_rate_rad_s: Array
     centreline_m: Array
-    body: BodyState | None
-    finger_force_n: Array
-    support_force_n: Array
-    palm_force_n: Array
+    bodies: tuple[BodyState, ...]
+    body_forces: tuple[BodyForces, ...]
     between_fingers_force_n: Array
+
+    @property
+    def body(self) -> BodyState | None:
+        """The first object, or none."""
+        return self.bodies[0] if self.bodies else None
+
+    @property
+    def finger_force_n(self) -> Array:
+        """Force of each finger on the first object, shape (4, 3); zero without one."""
+        return self._forces.finger_n
+
+    @property
+    def support_force_n(self) -> Array:
+        """Force of the support on the first object, shape (3,); zero without one."""
+        return self._forces.support_n
+
+    @property
+    def palm_force_n(self) -> Array:
+        """Force of the palm on the first object, shape (3,); zero without one."""
+        return self._forces.palm_n
+
+    @property
+    def _forces(self) -> BodyForces:
+        return self.body_forces[0] if self.body_forces else BodyForces.none(len(self.bend_rad))
 
 
 class Tier(ABC):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from mbpam_ros.plant.tiers.base import (
     CENTRELINE_POINTS,
     Actuation,
     Array,
+    BodyForces,
     BodyState,
     PlantDivergedError,
     RigidBody,
@@ -52,7 +54,9 @@ class SomeFingers(Tier):
             bend_rad=self._among_all(found.bend_rad, 0.0),
             bend_rate_rad_s=self._among_all(found.bend_rate_rad_s, 0.0),
             centreline_m=self._among_all(found.centreline_m, self._straight_m),
-            finger_force_n=self._among_all(found.finger_force_n, 0.0),
+            body_forces=tuple(
+                dataclasses.replace(each, finger_n=self._among_all(each.finger_n, 0.0)) for each in found.body_forces
+            ),
             between_fingers_force_n=self._among_all(found.between_fingers_force_n, 0.0),
         )
 
@@ -87,15 +91,16 @@ class SomeFingers(Tier):
 
 
 class NoContact(Tier):
-    """Muscles that ``inner`` computes in the air; the object ``body`` stays where it starts, to be seen only."""
+    """Muscles that ``inner`` computes in the air; the objects stay where they start, to be seen only."""
 
-    def __init__(self, inner: Tier, body: RigidBody | None) -> None:
+    def __init__(self, inner: Tier, bodies: Sequence[RigidBody]) -> None:
         self._inner = inner
-        self._body: BodyState | None = None
-        if body is not None:
-            self._body = BodyState(
+        self._bodies = tuple(
+            BodyState(
                 np.array(body.position_m, float), np.array(body.orientation_xyzw, float), np.zeros(3), np.zeros(3)
             )
+            for body in bodies
+        )
 
     def reset(self, actuation: Actuation) -> None:
         self._inner.reset(actuation)
@@ -104,7 +109,9 @@ class NoContact(Tier):
         self._inner.step(actuation, hand_height_m, hand_velocity_m_s)
 
     def state(self) -> TierState:
-        return dataclasses.replace(self._inner.state(), body=self._body)
+        found = self._inner.state()
+        forces = (BodyForces.none(len(found.bend_rad)),) * len(self._bodies)
+        return dataclasses.replace(found, bodies=self._bodies, body_forces=forces)
 
     @property
     def has_strain(self) -> bool:

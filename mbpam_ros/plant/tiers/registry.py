@@ -37,13 +37,13 @@ def build_tier(setup: TierSetup, fidelity: Fidelity) -> Tier:
     if not fidelity.contact:
         from mbpam_ros.plant.tiers.partial import NoContact
 
-        return NoContact(_fingers(*_in_the_air(setup, fidelity)), setup.body)
+        return NoContact(_fingers(*_in_the_air(setup, fidelity)), setup.bodies)
     return _fingers(setup, fidelity)
 
 
 def _in_the_air(setup: TierSetup, fidelity: Fidelity) -> tuple[TierSetup, Fidelity]:
     """Return what there is to compute, and how, if nothing touches."""
-    alone = dataclasses.replace(setup, body=None, planes_m=np.empty((0, 3)), fingers_touch=False)
+    alone = dataclasses.replace(setup, body=None, others=(), planes_m=np.empty((0, 3)), fingers_touch=False)
     return alone, dataclasses.replace(fidelity, modes=fidelity.air_modes or fidelity.modes, air_modes=None)
 
 
@@ -70,5 +70,7 @@ def _muscles(setup: TierSetup, fidelity: Fidelity) -> Tier:
         return RodTier(setup, fidelity)
     from mbpam_ros.plant.tiers.adaptive import AdaptiveTier
 
-    air = RodTier(dataclasses.replace(setup, body=None), dataclasses.replace(fidelity, modes=fidelity.air_modes))
+    air = RodTier(
+        dataclasses.replace(setup, body=None, others=()), dataclasses.replace(fidelity, modes=fidelity.air_modes)
+    )
     return AdaptiveTier(air, RodTier(setup, fidelity), setup, fidelity)

@@ -1,4 +1,4 @@
-"""Tiers ``arc`` and ``rod``: muscles with inertia, and an object that they touch anywhere along them.
+"""Tiers ``arc`` and ``rod``: muscles with inertia, and objects that they touch anywhere along them.
 
 Gravity, bending, Kelvin-Voigt damping and the exact velocity terms of the muscles' distributed mass. The two differ in
 how many modes of curvature a muscle has: ``arc`` has one, so its curvature is constant, ``rod`` has more, so it sags
@@ -19,6 +19,7 @@ from mbpam_ros.plant.mechanics.composition import Composition
 from mbpam_ros.plant.mechanics.contact_config import ContactKind, law_table
 from mbpam_ros.plant.mechanics.contact_law import contact_table
 from mbpam_ros.plant.mechanics.contact_search import BALLS, Surroundings, contact_limit
+from mbpam_ros.plant.mechanics.parts import Drive, System, assemble, new_state
 from mbpam_ros.plant.mechanics.rod import LARGEST_STRETCH, Motion, build_rod, coordinates_of, position_weights
 from mbpam_ros.plant.mechanics.step import (
     LARGEST_BEND_RAD,
@@ -29,18 +30,15 @@ from mbpam_ros.plant.mechanics.step import (
     TOO_DEEP,
     TOO_FAST,
     TOO_LONG,
-    Drive,
-    System,
     advance,
-    assemble,
     bind,
     forget,
-    new_state,
 )
 from mbpam_ros.plant.tiers.base import (
     CENTRELINE_POINTS,
     Actuation,
     Array,
+    BodyForces,
     BodyState,
     PlantDivergedError,
     Tier,
@@ -63,14 +61,15 @@ _REASONS = {
     TOO_BENT: f"a bend is beyond {np.degrees(LARGEST_BEND_RAD):.0f} deg",
     TOO_LONG: f"a muscle is longer or shorter by more than {LARGEST_STRETCH:.0%}",
     NOT_SOLVED: "the contact equations were not solved",
-    TOO_DEEP: "something is pushed into something else by more than 10 mm, and would come out behind it",
+    TOO_DEEP: "something is pushed into something else by more than 10 mm, or two objects by more than their edges are "
+    "rounded, and would come out behind it",
 }
 _REMEDY = "use a smaller sub_step_s, a smaller contact stiffness, or a larger retardation_time_s or damping."
 _SOFT = "use a smaller sub_step_s, a greater contact stiffness, or less mass, speed or pressure."
 
 
 class RodTier(Tier):
-    """Muscles in modes of curvature and one rigid body, advanced by :mod:`~mbpam_ros.plant.mechanics.step`.
+    """Muscles in modes of curvature and rigid objects, advanced by :mod:`~mbpam_ros.plant.mechanics.step`.
 
     Raises:
         TierError: a number of modes that cannot be.
@@ -86,7 +85,7 @@ class RodTier(Tier):
                 f"tier 'rod' has up to {MOST_MODES} modes of a strain, found twist_modes = {twist_modes}, "
                 f"stretch_modes = {stretch_modes}"
             )
-        config, body = setup.config, setup.body
+        config, bodies = setup.config, setup.bodies
         planes = np.ascontiguousarray(setup.planes_m, dtype=float)
         # A table out of reach of a muscle that hangs straight is out of reach of all.
         table_in_reach = bool(len(planes) and planes[-1, 0] < setup.geometry.length_m)
@@ -98,11 +97,13 @@ class RodTier(Tier):
             ContactKind.FINGER_SUPPORT: config.finger_support,
             ContactKind.OBJECT_PALM: config.object_support,
             ContactKind.FINGER_FINGER: config.finger_finger,
+            ContactKind.OBJECT_OBJECT: config.object_support,
         }
-        shape, half, mass, inertia = -1, np.zeros(3), 0.0, np.zeros(3)
-        if body is not None:
-            shape, half, mass = SHAPE_CODES[body.shape], 0.5 * np.array(body.size_m), body.mass_kg
-            inertia = principal_inertia(body.shape, body.size_m, body.mass_kg)
+        halves, inertia = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 3))
+        for k, body in enumerate(bodies):
+            halves[k] = 0.5 * np.array(body.size_m)
+            inertia[k] = principal_inertia(body.shape, body.size_m, body.mass_kg)
+        shapes = np.array([SHAPE_CODES[body.shape] for body in bodies], np.int64)
         system = System(
             step_s=fidelity.sub_step_s,
             sweeps=2 if config.retardation_time_s >= _DAMPED_S else _UNDAMPED_SWEEPS,
@@ -110,19 +111,25 @@ class RodTier(Tier):
             bases=np.ascontiguousarray(setup.finger_base_m),
             rod=build_rod(setup.geometry, modes, segments, BALLS, twist_modes, stretch_modes),
             retardation=config.retardation_time_s,
-            mass=mass,
+            masses=np.array([body.mass_kg for body in bodies], dtype=float),
             inertia=inertia,
-            surroundings=Surroundings(shape, half, planes, table_in_reach, setup.fingers_touch),
+            surroundings=Surroundings(shapes, halves, planes, table_in_reach, setup.fingers_touch),
             laws=law_table(kinds),
         )
         self._fingers = len(setup.finger_base_m)
         columns = coordinates_of(system.rod)
         self._coordinates = self._fingers * columns
-        rates = self._coordinates + (0 if body is None else 6)
-        self._memory = np.zeros(self._coordinates + rates + 7)
-        contacts = contact_table(contact_limit(self._fingers, len(planes), setup.fingers_touch), columns)
-        state = new_state(contacts, *np.split(self._memory, np.cumsum([self._coordinates, rates, 3])))
-        self._parts = assemble(state, system, contacts)
+        count = len(bodies)
+        rates = self._coordinates + 6 * count
+        self._memory = np.zeros(self._coordinates + rates + 7 * count)
+        table = contact_table(
+            contact_limit(self._fingers, len(planes), setup.fingers_touch, count), columns, self._fingers, count
+        )
+        shape, velocity, position, orientation = np.split(
+            self._memory, np.cumsum([self._coordinates, rates, 3 * count])
+        )
+        state = new_state(table, shape, velocity, position.reshape(count, 3), orientation.reshape(count, 4))
+        self._parts = assemble(state, system, table)
         drive = self._parts.drive
         self._start, self._now = (_acting(Drive(*(part[end] for part in drive))) for end in (0, 1))
         damped = config.retardation_time_s > 0.0
@@ -133,14 +140,14 @@ class RodTier(Tier):
     def reset(self, actuation: Actuation) -> None:
         if self.has_strain and actuation.strain is None:
             raise TierError("muscles that stretch or twist need an actuation that says how: give it a strain law")
-        body, state = self._setup.body, self._parts.state
+        state = self._parts.state
         self._memory[:] = 0.0
         state.held[0] = 0
         self._act(actuation)
-        state.orientation[3] = 1.0
-        if body is not None:
-            state.velocity[self._coordinates :] = *body.velocity_m_s, *body.angular_velocity_rad_s
-            state.position[:], state.orientation[:] = body.position_m, body.orientation_xyzw
+        for k, body in enumerate(self._setup.bodies):
+            first = self._coordinates + 6 * k
+            state.velocity[first : first + 6] = *body.velocity_m_s, *body.angular_velocity_rad_s
+            state.position[k], state.orientation[k] = body.position_m, body.orientation_xyzw
         for force in self._parts.forces:
             force[:] = 0.0
         self.iterations = 0
@@ -178,7 +185,7 @@ class RodTier(Tier):
     def take_over(self, other: RodTier) -> None:
         """Go on with the muscles of another tier, and what acts on them: modes it does not have are zero, more dropped.
 
-        The object stays as it is here.
+        The objects stay as they are here.
         """
         self._act(other._now)
         for own, theirs in zip(self._parts.state[:2], other._parts.state[:2], strict=True):
@@ -206,19 +213,20 @@ class RodTier(Tier):
         directors = np.moveaxis(self._motion.tangent[..., : self._fingers], -1, 0)
         return self._line_weights @ directors + self._setup.finger_base_m[:, None, :]
 
-    def body_state(self) -> BodyState | None:
-        """Return copies of where the object is and how it moves; none without one."""
-        return None if self._setup.body is None else self.object_state()
+    def body_states(self) -> tuple[BodyState, ...]:
+        """Return copies of where the objects are and how they move."""
+        state, rates = self._parts.state, self._parts.state.velocity[self._coordinates :].reshape(-1, 6)
+        return tuple(
+            BodyState(place.copy(), turn.copy(), rate[:3].copy(), rate[3:].copy())
+            for place, turn, rate in zip(state.position, state.orientation, rates, strict=True)
+        )
 
-    def object_state(self) -> BodyState:
-        """Return what :meth:`body_state` does, of a tier with an object."""
-        velocity, fingers = self._parts.state.velocity, self._coordinates
-        turning = velocity[fingers + 3 :].copy()
-        return BodyState(
-            self._parts.state.position.copy(),
-            self._parts.state.orientation.copy(),
-            velocity[fingers : fingers + 3].copy(),
-            turning,
+    def body_forces(self) -> tuple[BodyForces, ...]:
+        """Return copies of the forces on each object."""
+        forces = self._parts.forces
+        return tuple(
+            BodyForces(*(part.copy() for part in parts))
+            for parts in zip(forces.finger, forces.support, forces.palm, forces.object, strict=True)
         )
 
     def state(self) -> TierState:
@@ -231,10 +239,8 @@ class RodTier(Tier):
             bend_rad=bend,
             bend_rate_rad_s=bend_rate,
             centreline_m=self.centreline_m(),
-            body=self.body_state(),
-            finger_force_n=self._parts.forces.finger.copy(),
-            support_force_n=self._parts.forces.support.copy(),
-            palm_force_n=self._parts.forces.palm.copy(),
+            bodies=self.body_states(),
+            body_forces=self.body_forces(),
             between_fingers_force_n=self._parts.forces.between.copy(),
         )
 

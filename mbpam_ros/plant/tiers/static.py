@@ -47,16 +47,14 @@ class StaticTier(Tier):
         self._equilibrium = target
 
     def state(self) -> TierState:
-        setup, no_force = self._setup, np.zeros(3)
+        setup = self._setup
         along = np.linspace(0.0, setup.geometry.length_m, CENTRELINE_POINTS)
         return TierState(
             bend_rad=self._bend.copy(),
             bend_rate_rad_s=self._rate.copy(),
             centreline_m=centreline(self._bend, setup.geometry, along) + setup.finger_base_m[:, None, :],
-            body=None,
-            finger_force_n=np.zeros((len(self._bend), 3)),
-            support_force_n=no_force,
-            palm_force_n=no_force,
+            bodies=(),
+            body_forces=(),
             between_fingers_force_n=np.zeros((len(self._bend), 3)),
         )
 

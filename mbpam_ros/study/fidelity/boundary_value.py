@@ -71,7 +71,7 @@ def boundary_value_error_pct(case: Case, found: Record, gripper: Gripper) -> flo
     rest = round(case.rest_s[0] / TICK_S)
     pressure = found.pressure_gauge_pa[rest].reshape(FINGER_COUNT, CHAMBERS_PER_FINGER)
     exact = [
-        hanging_tip_m(moment, stiffness, gripper.geometry)
+        hanging_tip_m(moment, stiffness, gripper.rod_geometry)
         for moment, stiffness in zip(*law.moment_and_stiffness(pressure), strict=True)
     ]
     off = found.tip_m[rest] - gripper.finger_base_m - exact

@@ -1,22 +1,23 @@
 """CPU times that can be relied upon: repeated until they agree, made monotone by a cost model, and believed only alone.
 
-A fidelity is run again and again until the middle half of its CPU times lies within 5 % of their median, or it was run
-fifteen times. Where it still does not, or where processes of others had more than a tenth of the core (CPU time over
-wall time), the machine was too busy to be believed.
+What else a machine does only ever adds to a CPU time: caches are shared, and where the core's other half or the host of
+a virtual machine is busy, the same work takes half as long again, for seconds, while CPU time over wall time stays at
+one. So the least of repeated times is the cost. A fidelity is run again and again until three of its times lie within
+5 % of the least, or it was run fifteen times. Where they still do not, or where processes of others had more than a
+tenth of the core, the machine was too busy to be believed.
 
 What a simulated second costs is then taken to be
 
     c = c_tick(m) + c_step(m) / h
 
 with the step h and, of every tick and every step, a part that grows with the number of modes m: for each m the line
-through the medians (least squares of the relative residuals, neither part negative), and both parts isotonic in m. So a
+through them (least squares of the relative residuals, neither part negative), and both parts isotonic in m. So a
 cost never falls with more modes or shorter steps, and its noise is that of many runs. The pneumatic models add a
 constant of their own.
 """
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
@@ -38,8 +39,8 @@ class Timing:
     """Repeated runs of one thing.
 
     Args:
-        cpu_ms_per_s: median of the CPU times.
-        spread: of their middle half, over the median.
+        cpu_ms_per_s: least of the CPU times.
+        spread: how far the third least lies above it, over it.
         runs: how many.
     """
 
@@ -92,16 +93,16 @@ def timed(
         if not left:
             break
     share = (time.process_time() - begun_cpu_s) / max(time.monotonic() - begun_s, 1e-9)
-    timings = {key: Timing(statistics.median(each), spread(each), len(each)) for key, each in found.items()}
+    timings = {key: Timing(min(each), spread(each), len(each)) for key, each in found.items()}
     return timings, Trust(max((each.spread for each in timings.values()), default=0.0), min(share, 1.0))
 
 
 def spread(times: Sequence[float]) -> float:
-    """Return the width of the middle half of some times over their median; endless for a single one."""
-    if len(times) < 2:
+    """Return how far the third least of some times lies above the least, over that; endless for fewer than three."""
+    if len(times) < 3:
         return float("inf")
-    low, middle, high = np.quantile(times, (0.25, 0.5, 0.75))
-    return float((high - low) / middle)
+    least, _, third = sorted(times)[:3]
+    return (third - least) / least
 
 
 @dataclass(frozen=True)

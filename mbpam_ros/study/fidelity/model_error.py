@@ -1,4 +1,8 @@
-"""How far the equations of a rod are off the muscle: converged rods beside the whole muscle in finite elements."""
+"""How far the equations of the plant's rod are off the muscle: converged rods beside all of it in finite elements.
+
+The plant's rod is the uniform one that stands for the muscle (:mod:`~mbpam_ros.actuator.yielding_ends`), its bending
+moment a line.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from mbpam_ros.actuator.design import MuscleGeometry
-from mbpam_ros.actuator.rod_law import RodLaw
 from mbpam_ros.actuator.strains import STRAINS
+from mbpam_ros.actuator.yielding_ends import finite_element_uniform_law, uniform_geometry
 from mbpam_ros.configuration import ConfigError, config_path
 from mbpam_ros.plant.fidelity import ModelError
 from mbpam_ros.study.muscle_states import RodModel, compared, read_states
@@ -27,12 +31,11 @@ def states_file() -> Path | None:
         return None
 
 
-def model_errors(states: Path, law: RodLaw, geometry: MuscleGeometry) -> tuple[ModelError, ...]:
-    """Return how far rods with rigid ends, as the plant's, are off in the states of a file, for each set of strains.
+def model_errors(states: Path, geometry: MuscleGeometry) -> tuple[ModelError, ...]:
+    """Return how far rods on the finite elements' law are off in the states of a file, for each set of strains.
 
     Args:
         states: a file of ``mbpam fe states``.
-        law: of the rods: the finite elements', of the same mesh.
         geometry: of the muscle; its mass is that of the file, where it says one.
 
     Raises:
@@ -43,10 +46,11 @@ def model_errors(states: Path, law: RodLaw, geometry: MuscleGeometry) -> tuple[M
     answered = read_states(states)
     mass_kg_m = answered.mass_per_length_kg_m or geometry.mass_per_length_kg_m
     muscle = replace(geometry, mass_per_length_kg_m=mass_kg_m)
-    return tuple(_model_error(answered.rows, strains, law, muscle) for strains in STRAIN_SETS)
+    return tuple(_model_error(answered.rows, strains, muscle) for strains in STRAIN_SETS)
 
 
-def _model_error(rows: Sequence[dict], strains: tuple[str, ...], law: RodLaw, geometry: MuscleGeometry) -> ModelError:
-    found = compared(rows, RodModel(law, geometry, strains))
+def _model_error(rows: Sequence[dict], strains: tuple[str, ...], muscle: MuscleGeometry) -> ModelError:
+    law, rod = finite_element_uniform_law(muscle), uniform_geometry(muscle)
+    found = compared(rows, RodModel(law, rod, strains, measured_by_m=muscle.active_length_m))
     free = [each["tip_error_pct"] for each in found if each["kind"] == "free"]
     return ModelError(strains, max(free, default=0.0), max(each["tip_error_pct"] for each in found))

@@ -8,6 +8,7 @@ import numpy as np
 
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.arbitration import Phase
+from mbpam_ros.grasp.grip_pressure import NOTHING_EXPECTED, Expected
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.fidelity import Fidelity, FidelityRequest
 from mbpam_ros.plant.plant import Observation
@@ -40,6 +41,7 @@ class Trial:
         close_s: from the request to the arbiter's ``holding``; none where it came to a fault.
         finger_force_n: force of all fingers against the object at the end, sum of their magnitudes.
         note: why it did not come to an end, if so.
+        grip_gauge_pa: greatest set-point of the grasp [Pa gauge]; 0 where the arbiter refused.
     """
 
     mode: str
@@ -50,6 +52,7 @@ class Trial:
     close_s: float | None
     finger_force_n: float
     note: str = ""
+    grip_gauge_pa: float = 0.0
 
 
 def run_trial(
@@ -57,14 +60,18 @@ def run_trial(
     fidelity: Fidelity | FidelityRequest,
     gripper: Gripper,
     grip_pressure_gauge_pa: float | None = None,
+    expected: Expected = NOTHING_EXPECTED,
+    mode: str | None = None,
 ) -> Trial:
-    """Let the object rest, close in the mode the arbiter chooses, lift, hold for :data:`HOLD_S`.
+    """Let the object rest, close in a mode or in the one the arbiter chooses, lift, hold for :data:`HOLD_S`.
 
     Args:
         scene: what is there; with an object.
         fidelity: how it is computed, or shall be.
         gripper: the muscles and where they stand.
         grip_pressure_gauge_pa: of every mode; none for those of ``grasp.yaml``.
+        expected: what the arbiter is told of the object.
+        mode: asked for by name, as the operator does, who need not know whether the object can be reached.
 
     Raises:
         ConfigError: a file is wrong, the scene has no object, or the pressure is above the gripper's limit.
@@ -73,11 +80,11 @@ def run_trial(
     """
     if scene.object is None:
         raise ConfigError(f"scene {scene.name}: nothing to grasp; name an object in it")
-    simulation = Simulation(scene, fidelity, gripper, grip_pressure_gauge_pa)
+    simulation = Simulation(scene, fidelity, gripper, grip_pressure_gauge_pa, expected=expected)
     simulation.run(_REST_S)
     start_m, course = _body(simulation.seen).position_m[2], _Course()
     try:
-        _close(simulation, course)
+        _close(simulation, course, mode)
         if course.close_s is not None:
             simulation.lift()
             simulation.run(_whole_ticks(scene.lift.duration_s + HOLD_S))
@@ -96,6 +103,7 @@ def run_trial(
         close_s=course.close_s,
         finger_force_n=float(np.linalg.norm(seen.finger_force_n, axis=1).sum()),
         note=course.note,
+        grip_gauge_pa=course.grip_gauge_pa,
     )
 
 
@@ -107,16 +115,17 @@ class _Course:
     touch_s: float | None = None
     close_s: float | None = None
     note: str = ""
+    grip_gauge_pa: float = 0.0
 
 
-def _close(simulation: Simulation, course: _Course) -> None:
+def _close(simulation: Simulation, course: _Course, mode: str | None) -> None:
     """Ask for a grasp and follow it until the arbiter has closed, refused or given up."""
     asked_s = simulation.seen.time_s
-    answer = simulation.grasp()
+    answer = simulation.grasp(mode)
     if not answer.accepted:
         course.note = answer.reason
         return
-    course.mode = simulation.decision.mode
+    course.mode, course.grip_gauge_pa = simulation.decision.mode, float(simulation.decision.setpoint_gauge_pa.max())
     while simulation.decision.phase is Phase.CLOSING:  # the arbiter's own time limit ends it
         simulation.tick()
         if course.touch_s is None and simulation.seen.finger_force_n.any():

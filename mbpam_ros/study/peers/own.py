@@ -85,7 +85,7 @@ class OwnGrasp:
 
     def rise_m(self) -> float:
         """Return how far the sphere has risen."""
-        return self._grasp.depth_m - float(self._tier.object_state().position_m[2])
+        return self._grasp.depth_m - float(self._tier.body_states()[0].position_m[2])
 
 
 def reference_tips(problem: FingerProblem) -> Array:

@@ -107,7 +107,7 @@ def finger_problem(
             float(of.free_stretch), float(slope), float(of.axial_stiffness_n), float(of.torsion_stiffness_n_m2)
         )
     return FingerProblem(
-        gripper.geometry, gripper.finger_base_m, float(moment), float(stiffness), retardation_s, strains
+        gripper.rod_geometry, gripper.finger_base_m, float(moment), float(stiffness), retardation_s, strains
     )
 
 

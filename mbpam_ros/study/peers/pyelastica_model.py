@@ -1,9 +1,10 @@
 """The peers' problem in PyElastica: Cosserat rods of straight elements, explicit in time.
 
 An element of length l = L / N bends at its ends. The rod starts l / 2 before the active part, so that N bending nodes
-stand in the middles of N equal shares of it; what is beyond the last one, half a share and the straight end, is the
-nearest number of elements, and the tip lies on the tangent of the last. The section is the muscle's circle with the
-Young's modulus that gives B; its stretch and shear under the weight (0.1 % of the length) are PyElastica's own.
+stand in the middles of N equal shares of it; what is beyond the last one, half a share and the straight end, is as many
+elements as fit, what is left over a mass at the last node, and the tip lies on the tangent of the last. The section is
+the muscle's circle with the Young's modulus that gives B; its stretch and shear under the weight (0.1 % of the length)
+are PyElastica's own.
 
 It has no Kelvin-Voigt damping: only what is at rest is compared, reached under a damping that costs the same as any.
 The scheme (position Verlet) needs steps below about l / sqrt(E / rho).
@@ -20,6 +21,7 @@ import numpy as np
 from mbpam_ros.study.peers.problem import Array, FingerProblem, PeerMissingError
 
 _DAMPING_PER_S = 20.0
+_ROUNDING = 1e-9
 
 
 def load_pyelastica() -> ModuleType:
@@ -36,10 +38,13 @@ def load_pyelastica() -> ModuleType:
 
 
 def rod_elements(problem: FingerProblem, shares: int) -> tuple[int, float, float]:
-    """Return how many elements a rod has, where it starts along the muscle, and how long they are [m]."""
+    """Return how many elements a rod has, where it starts along the muscle, and how long they are [m].
+
+    They end less than one of them before the muscle does, where a share is shorter than two ends.
+    """
     geometry = problem.geometry
     length = geometry.active_length_m / shares
-    beyond = max(1, round(0.5 + geometry.end_length_m / length))
+    beyond = max(1, int(0.5 + geometry.end_length_m / length + _ROUNDING))
     return shares + beyond, geometry.end_length_m - 0.5 * length, length
 
 
@@ -83,6 +88,7 @@ class PyelasticaFreeBend:
             youngs_modulus=modulus,
             shear_modulus=modulus / 3.0,
         )
+        rod.mass[-1] += problem.geometry.mass_per_length_kg_m * self._left_m
         rod.rest_kappa[0, : self._shares] = problem.moment_n_m / problem.stiffness_n_m2
         simulator = self._simulator
         simulator.append(rod)
@@ -104,6 +110,9 @@ class PyelasticaFreeBend:
 
     def tips_m(self) -> Array:
         """Return the tips in ``gripper_base``, shape (4, 3)."""
+        return np.array([rod.position_collection[:, -1] + self._left_m * rod.tangents[:, -1] for rod in self._rods])
+
+    @property
+    def _left_m(self) -> float:
         elements, start, length = rod_elements(self._problem, self._shares)
-        left = self._problem.geometry.length_m - start - elements * length
-        return np.array([rod.position_collection[:, -1] + left * rod.tangents[:, -1] for rod in self._rods])
+        return self._problem.geometry.length_m - start - elements * length

@@ -106,7 +106,7 @@ POSTURES = (
 def stretching_estimator():
     return BendEstimator(
         CALIBRATION,
-        GRIPPER.geometry,
+        GRIPPER.rod_geometry,
         GRIPPER.finger_base_m,
         load_metamodel(GRIPPER.metamodel).predict(GRIPPER.design),
         dataclasses.replace(CONFIG, strains=STRAINS),
@@ -120,7 +120,9 @@ def test_at_rest_the_tips_are_those_of_the_full_rod_at_any_pressure_and_tilt(pre
     tips, _ = estimator.tips(estimator.update(0.0, pressure, gravity))
     for tip, base, of_finger in zip(tips, GRIPPER.finger_base_m, pressure.reshape(4, 4), strict=True):
         rod = rod_at_rest(
-            rod_section(CALIBRATION.law, of_finger), GRIPPER.geometry, RodLoads(gravity_m_s2=tuple(gravity.tolist()))
+            rod_section(CALIBRATION.law, of_finger),
+            GRIPPER.rod_geometry,
+            RodLoads(gravity_m_s2=tuple(gravity.tolist())),
         )
         assert np.linalg.norm(tip - base - rod.tip_position_m) < 1e-5
 
@@ -132,7 +134,7 @@ def test_at_rest_the_tips_are_within_2_mm_of_the_plants_at_any_pressure_and_tilt
     of_fingers = pressure.reshape(4, 4)
     acts = Actuation(*law.moment_and_stiffness(of_fingers), law.strain_law(of_fingers))
     toward = tuple((gravity / np.linalg.norm(gravity)).tolist())
-    setup = TierSetup(GRIPPER.geometry, GRIPPER.finger_base_m, 9.81, None, np.empty((0, 3)), config, False, toward)
+    setup = TierSetup(GRIPPER.rod_geometry, GRIPPER.finger_base_m, 9.81, None, np.empty((0, 3)), config, False, toward)
     plant = build_tier(setup, Fidelity("rod", 3, 5e-3, twist_modes=2, stretch_modes=2))
     plant.reset(acts)
     plant.step(acts, np.zeros(601), np.zeros(601))

@@ -45,6 +45,7 @@ class ArbiterMachine(RuleBasedStateMachine):
         self.time_s = time_s
         self.latched = False
         self.must_vent = False
+        self.wrong = set()
         self.decision = self.arbiter.tick(time_s)
 
     @rule(seconds=few_seconds)
@@ -91,7 +92,10 @@ class ArbiterMachine(RuleBasedStateMachine):
     def grasp(self, name):
         """A grasp as it should go: whole parts, vented chambers, an object in view, valves that follow."""
         self.make_idle()
-        self.arbiter.observe_detections(self.time_s, [graspable])
+        for _ in range(2):  # what was somewhere else a moment ago is not closed upon
+            self.pass_time(0.1)
+            self.read(np.zeros(16))
+            self.arbiter.observe_detections(self.time_s, [graspable])
         if name == "auto":
             self.request_auto()
         else:
@@ -113,6 +117,20 @@ class ArbiterMachine(RuleBasedStateMachine):
     def report_health(self, source, well, air_on):
         self.watch.report(self.time_s, source, well, "broken", air_on)
         self.unheard_s[source] = 0.0
+
+    @rule(source=st.sampled_from(HEALTH_SOURCES), right=st.booleans())
+    def hear_signs_of_life(self, source, right):
+        if right:
+            self.watch.find_right(source)
+            self.wrong.discard(source)
+        else:
+            self.watch.find_wrong(self.time_s, source, "no sign of life")
+            self.wrong.add(source)
+
+    @rule()
+    def vent_at_the_valves(self):
+        self.arbiter.observe_vent(self.time_s, "asked for")
+        self.latched = self.must_vent = True
 
     @rule(touching=st.booleans())
     def report_contact(self, touching):
@@ -151,7 +169,10 @@ class ArbiterMachine(RuleBasedStateMachine):
     @rule()
     def reset(self):
         self.arbiter.tick(self.time_s)
-        if self.arbiter.reset(self.time_s).accepted:
+        objection = self.arbiter.objection_to_reset(self.time_s)
+        answer = self.arbiter.reset(self.time_s)
+        assert answer.accepted == (objection is None) and objection in (None, answer.reason)
+        if answer.accepted:
             assert self.arbiter.tick(self.time_s).phase is Phase.IDLE
             self.latched = self.must_vent = False
 
@@ -163,6 +184,7 @@ class ArbiterMachine(RuleBasedStateMachine):
     def make_idle(self):
         self.stop()
         for source in HEALTH_SOURCES:
+            self.hear_signs_of_life(source, right=True)
             self.report_health(source, well=True, air_on=False)  # the air may come on after the reset only
         self.pass_time(0.01)
         self.read(np.zeros(16))
@@ -180,7 +202,7 @@ class ArbiterMachine(RuleBasedStateMachine):
             return
         self.watch.look(self.time_s)
         self.decision = decision = self.arbiter.tick(self.time_s)
-        if max(self.unheard_s.values()) > SILENCE_S:
+        if max(self.unheard_s.values()) > SILENCE_S or self.wrong:
             assert decision.phase not in (Phase.CLOSING, Phase.HOLDING)
         setpoint_pa = decision.setpoint_gauge_pa
         assert setpoint_pa.shape == (16,)

@@ -8,7 +8,6 @@ from mbpam_ros.geometry.surfaces import BOX, CYLINDER, SPHERE, signed_distance
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.mechanics.contact_config import ContactConfig
 from mbpam_ros.plant.mechanics.contact_law import SHEAR, contact_force, contact_table, no_grip, remember
-from mbpam_ros.plant.mechanics.contact_search import _object_columns
 from mbpam_ros.plant.mechanics.contact_solver import (
     NEWTON_LIMIT,
     VELOCITY_TOLERANCE,
@@ -17,6 +16,7 @@ from mbpam_ros.plant.mechanics.contact_solver import (
     solve_in_place,
 )
 from mbpam_ros.plant.mechanics.lanes import WIDTH
+from mbpam_ros.plant.mechanics.object_contact import object_columns
 from mbpam_ros.plant.mechanics.rod import build_rod, masses_and_loads, motion_at_rest, move_rods, room_for_loads
 
 MODES = 2
@@ -76,7 +76,7 @@ held = st.lists(st.floats(-1e-4, 1e-4), min_size=3, max_size=3).map(np.array)
 def test_contact_takes_energy_and_stays_within_the_friction_cone_of_its_push(velocity, stretch, depth, friction, power):
     """Work on the two bodies and change of what the spring holds, which was in the cone of another push before."""
     config, h = ContactConfig(2000.0, 2.0, friction, 0.001, 0.0002), 10.0**power
-    normal, force, table, grip = np.array([0.0, 0.6, 0.8]), np.empty(6), contact_table(1, 2), no_grip(1)
+    normal, force, table, grip = np.array([0.0, 0.6, 0.8]), np.empty(6), contact_table(1, 2, 4), no_grip(1)
     springs = table.springs[0]
     springs[:3] = stretch - (stretch @ normal) * normal
     before = np.linalg.norm(springs[:3])
@@ -97,7 +97,7 @@ def test_contact_takes_energy_and_stays_within_the_friction_cone_of_its_push(vel
 @settings(max_examples=50, deadline=None)
 def test_the_velocities_after_contact_are_the_same_from_any_start(count, seed, friction):
     random = np.random.default_rng(seed)
-    table, laws = contact_table(count, 2), np.array([ContactConfig(2e3, 2.0, friction, 1e-3, 2e-4).law()])
+    table, laws = contact_table(count, 2, 4), np.array([ContactConfig(2e3, 2.0, friction, 1e-3, 2e-4).law()])
     table.count[0] = count
     table.depth[:] = random.uniform(-1e-4, 1e-3, count)
     table.springs[:] = random.uniform(-1e-4, 1e-4, (count, 7))
@@ -106,8 +106,8 @@ def test_the_velocities_after_contact_are_the_same_from_any_start(count, seed, f
     table.normal[:] /= np.linalg.norm(table.normal, axis=1, keepdims=True)
     table.jacobian[:] = 0.05 * random.standard_normal((count, 8, 6))
     for columns, arm in zip(table.jacobian, 0.05 * random.standard_normal((count, 3)), strict=True):
-        _object_columns.py_func(tuple(arm), 2, columns.T)
-    table.finger[:] = random.integers(0, 4, count)
+        object_columns.py_func(tuple(arm), 2, columns.T)
+    table.one[:], table.other[:] = random.integers(0, 4, count), 4
     a, b = np.diag(random.uniform(1e-5, 1e-1, 14)), 1e-3 * random.standard_normal(14)
     ends = []
     for start in (np.zeros(14), random.standard_normal(14)):

@@ -21,6 +21,7 @@ class AirMachine(RuleBasedStateMachine):
         self.switch = AirSwitch(self.controller, switched_on)
         self.may_fill = switched_on
         self.told, self.has_setpoints, self.time_s = Air.REGULATE, False, 0.0
+        self.latched = self.contested = self.lost = self.closing = False
         self.pressure_pa = np.zeros(16)
 
     @rule(pressure_pa=st.lists(st.floats(-1e4, 1.5 * OVER_PA) | st.just(float("nan")), min_size=16, max_size=16))
@@ -29,22 +30,50 @@ class AirMachine(RuleBasedStateMachine):
 
     @rule(setpoint_pa=st.lists(st.sampled_from([0.0, 50e3, LIMIT_PA]) | st.floats(-1e4, 2e5), min_size=16, max_size=16))
     def request(self, setpoint_pa):
+        before_pa = self.controller.setpoint
         try:
             self.switch.request(setpoint_pa)
         except SetpointError:
+            np.testing.assert_array_equal(self.controller.setpoint, before_pa)
             return
+        assert not (self.lost or self.contested)
         self.has_setpoints = True
 
-    @rule(air=st.sampled_from(Air))
-    def obey(self, air):
-        self.switch.obey(air)
-        if (self.told, air) != (Air.VENT, Air.HOLD):
-            self.told = air
+    @rule(air=st.sampled_from(Air), closing=st.booleans())
+    def obey(self, air, closing):
+        self.switch.obey(air, closing)
+        self.latched |= air is Air.VENT and self.told is not Air.VENT
+        self.told, self.closing = air, closing
+
+    @rule()
+    def vent(self):
+        assert self.switch.vent("asked for").accepted
+        self.latched, self.closing = True, False
+
+    @rule()
+    def clear(self):
+        assert self.switch.clear().accepted
+        self.latched = False
+
+    @rule(lost=st.booleans())
+    def hear_of_the_arbiter(self, lost):
+        self.lost = lost
+        self.switch.lose_arbiter() if lost else self.switch.find_arbiter()
+        if lost and self.closing:
+            self.latched, self.closing = True, False
+
+    @rule(contested=st.booleans())
+    def hear_of_two(self, contested):
+        self.contested = contested
+        self.switch.contest("arbiters", "two" if contested else None)
+        if contested and self.closing:
+            self.latched, self.closing = True, False
 
     @rule(on=st.booleans())
     def turn(self, on):
         accepted = self.switch.switch(on).accepted
         assert accepted or on
+        assert not (on and accepted and (self.lost or self.contested or self.latched))
         if accepted:
             self.may_fill = on
 
@@ -57,12 +86,16 @@ class AirMachine(RuleBasedStateMachine):
             openings = self.controller.update(self.time_s, self.pressure_pa)
         assert openings.shape == (16,) and (np.abs(openings) <= 1.0).all()
         assert (openings[self.pressure_pa > OVER_PA] == -1.0).all()
-        if self.told is Air.VENT:
+        vented = self.latched or self.told is Air.VENT
+        assert bool(self.switch.vent_reason) == self.latched
+        if vented:
             assert (openings == -1.0).all()
-        if self.told is not Air.REGULATE or not self.may_fill or not self.has_setpoints:
+            assert not self.controller.setpoint.any()
+        follows = self.told is Air.REGULATE and self.may_fill and self.has_setpoints and not self.contested
+        if vented or not follows:
             assert (openings <= 0.0).all()
         calm = self.pressure_pa <= OVER_PA - CONFIG.over_pressure_release_pa
-        if self.told is Air.HOLD or (self.told is Air.REGULATE and not (self.may_fill and self.has_setpoints)):
+        if not vented and not follows:
             assert not openings[calm].any()
 
 

@@ -16,11 +16,11 @@ from mbpam_ros.actuator.calibration import (
 from mbpam_ros.actuator.design import MuscleDesign
 from mbpam_ros.actuator.metamodel import METAMODELS, load_metamodel
 from mbpam_ros.actuator.planar_rod import RodSolutionError, rod_tip_angle
-from mbpam_ros.actuator.rod_law import finite_element_rod_law
+from mbpam_ros.actuator.yielding_ends import finite_element_uniform_law
 from mbpam_ros.gripper import load_gripper
 
 GRIPPER = load_gripper()
-GEOMETRY, INITIAL = GRIPPER.geometry, MuscleDesign(2.5, 2.0)
+GEOMETRY, ROD, INITIAL = GRIPPER.geometry, GRIPPER.rod_geometry, MuscleDesign(2.5, 2.0)
 DESIGNS = [INITIAL, MuscleDesign(1.5, 1.0), MuscleDesign(3.5, 1.0), MuscleDesign(1.5, 3.0), MuscleDesign(3.5, 3.0)]
 PRESSURES_PA = np.arange(10e3, 101e3, 5e3)
 
@@ -28,8 +28,8 @@ PRESSURES_PA = np.arange(10e3, 101e3, 5e3)
 def angle_and_force(law, pattern):
     """Tip angle of the free rod [rad] and force of the blocked one [N] at 100 kPa, both in the paper's posture."""
     loads = pattern_loads(law, pattern, PRESSURES_PA)
-    free = rod_tip_angle(loads[-1].moment_n_m, loads[-1].stiffness_n_m2, GEOMETRY, stretch=loads[-1].stretch)
-    return free, blocked_path(loads, GEOMETRY)[-1].push_n
+    free = rod_tip_angle(loads[-1].moment_n_m, loads[-1].stiffness_n_m2, ROD, stretch=loads[-1].stretch)
+    return free, blocked_path(loads, ROD)[-1].push_n
 
 
 @pytest.mark.slow
@@ -72,10 +72,10 @@ def test_the_initial_design_bends_and_pushes_as_in_the_paper_within_the_metamode
     assert force == pytest.approx(force_n, abs=2.0 * performance.f_max_sigma_n)
 
 
-@pytest.mark.parametrize(("pattern", "of_moment", "of_stiffness"), [("pdc", 0.92, 0.99), ("psc", 1.10, 1.20)])
+@pytest.mark.parametrize(("pattern", "of_moment", "of_stiffness"), [("pdc", 1.08, 1.15), ("psc", 1.31, 1.38)])
 def test_what_calibration_does_to_the_finite_element_law_at_its_own_design(pattern, of_moment, of_stiffness):
-    """PSC's target is measured: finite elements bend it 4 % further and push 20 % less."""
-    calibrated, uncalibrated = calibrated_rod_law(INITIAL, GEOMETRY), finite_element_rod_law()
+    """Ends that yield take a sixth of the force; the paper's are not known. PSC's target is measured, and 20 % more."""
+    calibrated, uncalibrated = calibrated_rod_law(INITIAL, GEOMETRY), finite_element_uniform_law(GEOMETRY)
     pairs = zip(calibrated.at_nominal_pressure(pattern), uncalibrated.at_nominal_pressure(pattern), strict=True)
     moment_factor, stiffness_factor = (after / before for after, before in pairs)
     assert moment_factor == pytest.approx(of_moment, abs=0.01)
@@ -88,7 +88,7 @@ def test_the_tip_force_is_that_of_the_blocked_rod_at_every_pressure(pattern):
     direction = {"pdc": [1.0, 0.0], "psc": [math.sqrt(0.5), -math.sqrt(0.5)]}[pattern]
     loads = pattern_loads(found.law, pattern, PRESSURES_PA)
     force = found.tip_force.at(np.outer([load.moment_n_m for load in loads], direction))
-    np.testing.assert_allclose(force, [contact.push_n for contact in blocked_path(loads, GEOMETRY)], rtol=2e-3)
+    np.testing.assert_allclose(force, [contact.push_n for contact in blocked_path(loads, ROD)], rtol=2e-3)
 
 
 @pytest.mark.parametrize("target", [PatternTarget(9.0, 0.6), PatternTarget(2.5, 1e-4)], ids=["too far", "too weak"])

@@ -31,7 +31,7 @@ def all_fingers(chambers, pressure_gauge_pa=1e5):
 
 def rest(pressure_gauge_pa):
     law = calibrated_rod_law(GRIPPER.design, GRIPPER.geometry, GRIPPER.metamodel, GRIPPER.target)
-    return hanging_bend(*law.moment_and_stiffness(np.reshape(pressure_gauge_pa, (4, 4))), GRIPPER.geometry)
+    return hanging_bend(*law.moment_and_stiffness(np.reshape(pressure_gauge_pa, (4, 4))), GRIPPER.rod_geometry)
 
 
 def fields(estimate):
@@ -94,7 +94,7 @@ def test_at_rest_the_tip_is_the_full_rods_standing_at_its_base(estimator, gravit
     law = calibrated_rod_law(GRIPPER.design, GRIPPER.geometry, GRIPPER.metamodel, GRIPPER.target)
     for finger in range(4):
         section = rod_section(law, pressure.reshape(4, 4)[finger], CONFIG.strains)
-        rod = rod_at_rest(section, GRIPPER.geometry, RodLoads(gravity_m_s2=gravity))
+        rod = rod_at_rest(section, GRIPPER.rod_geometry, RodLoads(gravity_m_s2=gravity))
         np.testing.assert_allclose(position[finger], GRIPPER.finger_base_m[finger] + rod.tip_position_m, atol=1e-7)
         assert abs(orientation[finger] @ rod.tip_orientation_xyzw) == pytest.approx(1.0, abs=1e-9)
 
@@ -103,7 +103,7 @@ def test_gravity_moves_the_equilibrium_and_a_bad_one_is_refused(estimator):
     pressure = all_fingers([1, 0, 0, 0], 6e4)
     level = estimator.update(0.0, pressure, LEVEL)
     law = calibrated_rod_law(GRIPPER.design, GRIPPER.geometry, GRIPPER.metamodel, GRIPPER.target)
-    expected = resting_bend(*law.moment_and_stiffness(pressure.reshape(4, 4)), GRIPPER.geometry, LEVEL)
+    expected = resting_bend(*law.moment_and_stiffness(pressure.reshape(4, 4)), GRIPPER.rod_geometry, LEVEL)
     np.testing.assert_allclose(level.bend_rad, expected, atol=1e-12)
     assert (level.bend_rad[:, 0] - rest(pressure)[:, 0] > 0.05).all()
     for bad in ((0.0, 9.81), (0.0, 0.0, math.nan)):

@@ -230,7 +230,7 @@ def test_auto_with_an_object_out_of_reach_is_refused_with_the_selectors_reason()
     bench = Bench()
     bench.see(BOULDER)
     answer = bench.ask("request_auto")
-    assert not answer.accepted and "boulder: too wide: 200.0 mm" in answer.reason
+    assert not answer.accepted and "boulder: too wide by 116.0 mm: 200.0 mm" in answer.reason
     assert bench.decision.phase is Phase.IDLE
 
 

@@ -163,15 +163,15 @@ def test_a_skew_rod_gets_the_mirror_whose_fingers_turn_it_toward_the_axis(select
 @pytest.mark.parametrize(
     ("target", "reason"),
     [
-        (seen(size_m=(0.081, 0.081, 0.081)), "sphere: too wide: 81.0 mm, 80.0 mm free between the fingers"),
-        (seen("box", (0.035, 0.06, 0.12)), "box: too wide: 60.0 mm, 50.7 mm free between the fingers"),
-        (seen("cylinder", (0.055, 0.055, 0.2)), "cylinder: too wide: 55.0 mm"),
-        (seen(size_m=(0.01, 0.01, 0.01)), "too small: 10.0 mm wide, at least 15 mm needed"),
-        (seen("cylinder", (0.03, 0.03, 0.04)), "too short: 40.0 mm, the fingers stand 50.7 mm apart"),
-        (seen(position_m=(0.03, 0.03, 0.09)), "too far off the axis: 42 mm, at most 30 mm"),
+        (seen(size_m=(0.085,) * 3), "sphere: too wide by 1.0 mm: 85.0 mm, 84.0 mm fit between the straight fingers"),
+        (seen("box", (0.035, 0.06, 0.12)), "box: too wide by 5.3 mm: 60.0 mm, 54.7 mm fit"),
+        (seen("cylinder", (0.055, 0.055, 0.2)), "cylinder: too wide by 0.3 mm"),
+        (seen("cylinder", (0.03, 0.03, 0.04)), "missed by the closing fingers: finger 1 by 5.4 mm, finger 3 by 5.4 mm"),
+        (seen(position_m=(0.03, 0.03, 0.09)), "too far off the axis by 12 mm: 42 mm, at most 30 mm"),
         (seen(confidence=0.3), "confidence 0.30 is less than 0.5"),
-        (seen(position_m=(0.0, 0.0, 0.3)), "centre 300 mm below the palm, must be 40 to 135 mm"),
-        (seen(position_m=(0.0, 0.0, -0.09)), "centre -90 mm below the palm"),
+        (seen(size_m=(0.05,) * 3, position_m=(0.0, 0.0, 0.15)), "too deep by 5 mm: at 150 mm"),
+        (seen(position_m=(0.0, 0.0, 0.3)), "missed by the closing fingers: finger 1 by 134.8 mm"),
+        (seen(position_m=(0.0, 0.0, -0.09)), "too near: its top is 120 mm inside the palm"),
     ],
 )
 def test_objects_out_of_reach_are_refused_with_the_figure_that_decided(selector, target, reason):
@@ -184,18 +184,19 @@ def test_nothing_in_view_is_refused(selector):
     assert selector.choose([]) == Refusal("no object in view")
 
 
-def test_of_several_objects_the_clearly_most_confident_wins(selector):
+def test_an_object_much_less_certain_than_another_is_passed_over(selector):
     near = seen(label="near", confidence=0.7)
     sure = seen(label="sure", confidence=0.95, position_m=(0.02, 0.0, 0.09))
     assert selector.choose([near, sure]).target is sure
 
 
-def test_of_equally_confident_objects_the_nearest_to_the_axis_wins_and_the_reason_says_so(selector):
+def test_of_several_objects_the_nearest_that_can_be_grasped_is_taken_and_the_reason_names_the_others(selector):
     far = seen(label="far", confidence=0.95, position_m=(0.02, 0.0, 0.09))
     near = seen(label="near", confidence=0.9, position_m=(0.004, 0.0, 0.09))
-    choice = selector.choose([far, near])
+    nearest = seen(label="wide", size_m=(0.2, 0.2, 0.2))
+    choice = selector.choose([far, nearest, near])
     assert choice.target is near
-    assert "chosen among 2 objects (2 can be grasped) with confidence 0.90, 4 mm off the axis" in choice.reason
+    assert "nearest of 3, near at (4, 0) mm; not: far at (20, 0) mm; wide: too wide by 116.0 mm" in choice.reason
 
 
 def test_an_object_that_cannot_be_grasped_does_not_keep_another_from_being_grasped(selector):
@@ -235,7 +236,12 @@ def test_a_quaternion_is_normalised():
     [
         (r"slenderness_min: \S+", "slenderness_min: -8.0", "slenderness_min must be greater than 0"),
         (r"confidence_min: \S+", "confidence_min: 1.5", "confidence_min and confidence_tie must lie in 0..1"),
-        (r"depth_min_m: \S+", "depth_min_m: 0.2", "depth_min_m = 0.2 must be less than depth_max_m"),
+        (
+            r"table_depth_m: \S+",
+            "depth_min_m: 0.2\n  depth_max_m: 0.1",
+            "depth_min_m = 0.2 must be less than depth_max_m",
+        ),
+        (r"table_depth_m: \S+", "table_depth_m: -0.2", "table_depth_m must be greater than 0"),
         (r"mirror_above_deg: \S+", "mirror_above_deg: -1.0", "mirror_above_deg must not be negative"),
         (r"  offset_max_m: .*\n", "", "missing key offset_max_m"),
         (r"settle_dwell_s: \S+", "settle_dwell_s: 9.0", "settle_dwell_s must be less than close_timeout_s"),
@@ -251,3 +257,25 @@ def test_a_wrong_grasp_file_is_refused(tmp_path, pattern, replacement, message):
     wrong.write_text(re.sub(pattern, replacement, text, count=1), encoding="utf-8")
     with pytest.raises(ConfigError, match=re.escape(message)):
         load_grasp_config(wrong)
+
+
+def test_limits_of_your_own_narrow_what_can_be_reached():
+    config = dataclasses.replace(load_grasp_config().selection, width_min_m=0.05, depth_min_m=0.07, depth_max_m=0.1)
+    selector = ModeSelector(config, load_gripper(), load_modes())
+    assert isinstance(selector.select(seen()), GraspChoice)
+    for target, reason in (
+        (seen(size_m=(0.04,) * 3), "too small: 40.0 mm wide, at least 50 mm by the configuration"),
+        (seen(position_m=(0.0, 0.0, 0.11)), "centre 110 mm below the palm, must be 70 to 100 mm by the configuration"),
+    ):
+        assert reason in selector.select(target).reason
+
+
+def test_a_table_that_the_closing_fingers_would_hit_is_told_with_the_height_that_is_lacking():
+    config = dataclasses.replace(load_grasp_config().selection, table_depth_m=0.125)
+    answer = ModeSelector(config, load_gripper(), load_modes()).select(seen())
+    assert re.search(r"the table is in the way: .* the table stands at 125 mm; raise the hand by \d mm", answer.reason)
+
+
+def test_an_object_off_the_axis_is_judged_as_it_lies_once_the_wrist_is_lined_up(selector):
+    off = rod(110.0, position_m=(0.02, -0.02, 0.07))
+    assert isinstance(selector.select(off), GraspChoice)

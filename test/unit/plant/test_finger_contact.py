@@ -105,7 +105,7 @@ def test_crossed_fingers_touch_where_a_fine_search_finds_them_and_rub_within_cou
     table = tier._parts.contacts
     used = slice(0, int(table.count[0]))
     assert used.stop > 0
-    assert set(zip(table.finger[used], table.other[used], strict=True)) == {(0, 1)}
+    assert set(zip(table.one[used], table.other[used], strict=True)) == {(0, 1)}
     deepest = table.depth[used].max()
     assert 2.0 * GEOMETRY.outer_radius_m - distance_m(tier, 0, 1) == pytest.approx(deepest, abs=5e-5)
     force, normal, push = table.force[used, :3], table.normal[used], table.push[used]

@@ -30,7 +30,7 @@ from mbpam_ros.plant.planner import (
     plan,
 )
 from mbpam_ros.plant.plant import build_plant
-from mbpam_ros.plant.scene import load_scene, scene_names
+from mbpam_ros.plant.scene import PlacedObject, load_scene, scene_names
 
 LENGTH_M = load_gripper().geometry.length_m
 (EMPTY, _), (BULB, BULB_REQUEST) = load_scene("empty"), load_scene("bulb")
@@ -284,6 +284,15 @@ def test_a_scene_unlike_all_of_them_is_warned_of_and_its_errors_are_taken_to_be_
     assert "2 times as large" in str(found) and "--measure" in str(found)
     plain = planned(BULB, 1.0, modes=found.fidelity.modes, sub_step_s=0.002, pneumatics="iso6358")
     assert found.expected.static_pct == pytest.approx(2.0 * plain.expected.static_pct)
+
+
+def test_a_scene_of_several_objects_is_unlike_all_that_were_measured():
+    carton, _ = load_scene("carton")
+    scene = dataclasses.replace(BULB, others=(PlacedObject(carton.object, (0.15, 0.0, 0.285)),))
+    for known in (promising(RANGES), table()):
+        found = plan(scene, LENGTH_M, known, ONE_PCT)
+        assert "2 objects, measured with one" in str(found)
+        assert "2 times as large" in str(found)
 
 
 def test_fewer_modes_in_the_air_are_never_more_than_in_contact():

@@ -34,6 +34,9 @@ def fields(observation):
     flat = dataclasses.asdict(observation)
     for name in ("object_in_world", "object_in_gripper"):
         flat |= {f"{name}.{key}": value for key, value in (flat.pop(name) or {}).items()}
+    for there in flat.pop("objects"):
+        for part in ("in_world", "in_gripper", "forces"):
+            flat |= {f"{there['name']}.{part}.{key}": value for key, value in there[part].items()}
     return flat
 
 
@@ -125,7 +128,7 @@ def test_muscles_end_at_the_hanging_bend_of_their_pressures(tier):
         plant.step(np.zeros(16), 0.01)
     seen = plant.observe()
     law = calibrated_rod_law(GRIPPER.design, GRIPPER.geometry, GRIPPER.metamodel, GRIPPER.target)
-    expected = hanging_bend(*law.moment_and_stiffness(seen.pressure_gauge_pa.reshape(4, 4)), GRIPPER.geometry)
+    expected = hanging_bend(*law.moment_and_stiffness(seen.pressure_gauge_pa.reshape(4, 4)), GRIPPER.rod_geometry)
     assert np.abs(expected).max() > 0.3
     np.testing.assert_allclose(seen.bend_rad, expected, atol=1e-5)
 
@@ -136,7 +139,7 @@ def test_centre_lines_hang_from_the_clamps_in_the_arcs_of_the_bends(tier):
     for _ in range(30):
         plant.step(0.5 * FILL_ONE, 0.01)
     seen = plant.observe()
-    lines = centreline(seen.bend_rad, GRIPPER.geometry, np.linspace(0.0, GRIPPER.geometry.length_m, 14))
+    lines = centreline(seen.bend_rad, GRIPPER.rod_geometry, np.linspace(0.0, GRIPPER.geometry.length_m, 14))
     np.testing.assert_allclose(seen.centreline_m, GRIPPER.finger_base_m[:, None, :] + lines, atol=1e-5)
 
 

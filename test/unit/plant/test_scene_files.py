@@ -14,7 +14,7 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import Fidelity, FidelityRequest
 from mbpam_ros.plant.planner import choose_fidelity
 from mbpam_ros.plant.plant import build_plant
-from mbpam_ros.plant.scene import Scene, SupportConfig, load_objects, load_scene, scene_names
+from mbpam_ros.plant.scene import PlacedObject, Scene, SupportConfig, load_objects, load_scene, scene_names
 
 
 def changed(tmp_path, **values):
@@ -128,8 +128,69 @@ def test_a_table_is_one_endless_plane_and_a_stand_a_plate_on_one():
     )
 
 
+def with_objects(tmp_path, *objects, **values):
+    content = load_yaml("scenes/bulb.yaml") | values
+    for key in ("object", "object_position_m", "object_yaw_rad"):
+        del content[key]
+    path = tmp_path / "several.yaml"
+    path.write_text(yaml.safe_dump(content | {"objects": list(objects)}))
+    return path
+
+
+BULB = {"object": "bulb", "object_position_m": [0.0, 0.0, 0.085]}
+FAR = {"object": "carton", "object_position_m": [0.15, 0.0, 0.285], "object_yaw_rad": 0.4}
+
+
+def test_a_scene_lists_several_objects_the_one_to_grasp_first(tmp_path):
+    second = {**BULB, "name": "second bulb", "object_position_m": [-0.15, 0.0, 0.285]}
+    scene, request = load_scene(with_objects(tmp_path, BULB, FAR, second))
+    assert [each.object.name for each in scene.placed] == ["bulb", "carton", "second bulb"]
+    assert (scene.object.name, scene.object_position_m) == ("bulb", (0.0, 0.0, 0.085))
+    assert scene.others[0].object_yaw_rad == 0.4
+    seen = build_plant(scene, request, load_gripper()).observe()
+    assert [each.name for each in seen.objects] == ["bulb", "carton", "second bulb"]
+    np.testing.assert_array_equal(seen.objects[2].in_world.position_m, [-0.15, 0.0, 0.285])
+    np.testing.assert_array_equal(seen.object_in_world.position_m, seen.objects[0].in_world.position_m)
+
+
+@pytest.mark.parametrize(
+    ("objects", "message"),
+    [
+        ([BULB], "two objects are named bulb; give each a name"),
+        (
+            [{**BULB, "name": "top", "object_position_m": [0.0, 0.0, 0.035]}],
+            "bulb and top start 10.0 mm inside each other",
+        ),
+        ([{**FAR, "object_position_m": [0.15, 0.0, 0.295]}], r"carton starts 10\.0 mm inside its support.*0\.2850"),
+        ([{**FAR, "object_position_m": [0.02, 0.0, 0.095]}], r"carton starts 10\.0 mm inside its support.*0\.0850"),
+        ([{**FAR, "object_position_m": [0.15, 0.0, 0.010]}], r"carton starts 20\.0 mm inside the palm"),
+        ([{**FAR, "object_position_m": [0.05, 0.035, 0.1]}], r"carton starts .* mm inside finger"),
+        ([{**FAR, "colour": "red"}], r"objects\[1\]: unknown key colour"),
+        ([{"object": "piano", "object_position_m": [0.15, 0.0, 0.2]}], "no object 'piano'"),
+        (["carton"], r"objects\[1\]: expected keys object"),
+        (
+            [{**FAR, "name": f"box {k}", "object_position_m": [0.3 * k, 1.0, 0.2]} for k in range(32)],
+            "33 objects; at most",
+        ),
+    ],
+)
+def test_further_objects_that_cannot_be_are_refused_with_the_reason(tmp_path, objects, message):
+    with pytest.raises(ConfigError, match=message):
+        build_plant(*load_scene(with_objects(tmp_path, BULB, *objects)), load_gripper())
+
+
+def test_an_empty_list_of_objects_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="expected a list with an entry for each object"):
+        load_scene(with_objects(tmp_path))
+
+
+def test_one_object_and_a_list_of_objects_are_not_given_together(tmp_path):
+    with pytest.raises(ConfigError, match="object, object_position_m, object_yaw_rad and objects"):
+        load_scene(changed(tmp_path, objects=[BULB]))
+
+
 def test_every_field_of_a_scene_is_explained():
-    for kind in (Scene, FidelityRequest, Fidelity):
+    for kind in (PlacedObject, Scene, FidelityRequest, Fidelity):
         told = re.findall(r"^    ([a-z_0-9, ]+):", inspect.getdoc(kind), re.MULTILINE)
         assert ", ".join(told).split(", ") == [field.name for field in dataclasses.fields(kind)]
 

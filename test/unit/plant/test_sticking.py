@@ -71,7 +71,7 @@ def test_friction_stays_in_the_cone_of_the_push_of_the_same_step_while_fingers_c
     for _ in range(min(round(0.3 / step_s), 600)):
         tier.step(CLOSED, *still(1))
         most.append(most_of_the_cone(tier))
-        counts += tier._parts.contacts.finger[: tier._parts.contacts.count[0]].max(initial=-1) >= 0
+        counts += tier._parts.contacts.one[: tier._parts.contacts.count[0]].max(initial=-1) >= 0
     assert counts > 10  # fingers touched
     assert max(most) > 0.999  # and slipped
 

@@ -184,7 +184,7 @@ def test_zero_takes_the_vented_reading_per_channel():
     offset = np.linspace(-3e3, 3e3, 16)
     sensor = sensing(stuck_time_s=0.0)
     feed(sensor, [volts_at(offset)] * 30)
-    np.testing.assert_allclose(sensor.zero(), offset, atol=1e-6)
+    np.testing.assert_allclose(sensor.zero(forced=True), offset, atol=1e-6)
     np.testing.assert_allclose(sensor.check(0.3).pressure_gauge_pa, 0.0, atol=1e-9)
     np.testing.assert_allclose(feed(sensor, [volts_at(offset + 80e3)] * 300, start=31).pressure_gauge_pa, 80e3)
 
@@ -207,16 +207,51 @@ def test_zero_is_refused_while_a_channel_is_invalid():
 def test_repeated_zeros_cannot_creep_past_the_limit():
     sensor = sensing(stuck_time_s=0.0)
     feed(sensor, [volts_at(4e3)] * 30)
-    sensor.zero()
+    sensor.zero(forced=True)
     feed(sensor, [volts_at(8e3)] * 100, start=30)
     with pytest.raises(ZeroRefusedError, match="8000 Pa before correction"):
+        sensor.zero(forced=True)
+
+
+@pytest.mark.parametrize("trapped_pa", [1.2e3, 4.3e3, -1.2e3])
+def test_a_zero_far_from_the_last_one_is_taken_for_trapped_air_unless_forced(trapped_pa):
+    sensor = sensing()
+    feed(sensor, noisy(100))
+    last = sensor.zero()
+    feed(sensor, noisy(100, trapped_pa), start=100)
+    with pytest.raises(ZeroRefusedError, match="from the last zero; air may be trapped"):
         sensor.zero()
+    assert sensor.check(2.0).pressure_gauge_pa == pytest.approx(trapped_pa, abs=350.0)
+    assert sensor.zero(forced=True) == pytest.approx(last + trapped_pa, abs=350.0)
+
+
+@pytest.mark.parametrize("moves", ["noise", "a fall"])
+def test_a_zero_of_readings_that_do_not_stand_still_is_refused_unless_forced(moves):
+    sensor = sensing()
+    samples = noisy(300)
+    if moves == "noise":
+        rough = np.random.default_rng(1).normal(0.0, 0.01, 300)
+        samples = [with_fault(v, v[BAD] + r) for v, r in zip(samples, rough, strict=True)]
+    else:  # from 20 kPa with a time constant of 0.25 s, as a chamber that is being vented
+        air_v = 20e3 * np.exp(-np.arange(100) / 25.0) / SHEET.gain_pa_v
+        samples = [with_fault(v, v[BAD] + a) for v, a in zip(samples, air_v, strict=False)]
+    feed(sensor, samples)
+    with pytest.raises(ZeroRefusedError, match="finger_2_chamber_3 is not steady"):
+        sensor.zero()
+    sensor.zero(forced=True)
+
+
+def test_a_sound_transducer_at_rest_is_always_steady_enough_for_a_zero():
+    sensor = sensing()
+    for k in range(20):
+        feed(sensor, noisy(100, seed=k), start=100 * k)
+        assert np.abs(sensor.zero()).max() < 400.0
 
 
 def test_time_going_back_forgets_the_filter_but_keeps_the_zero():
     sensor = sensing(stuck_time_s=0.0)
     feed(sensor, [volts_at(2e3)] * 100)
-    sensor.zero()
+    sensor.zero(forced=True)
     reading = sensor.update(0.0, volts_at(62e3))
     np.testing.assert_allclose(reading.pressure_gauge_pa, 60e3, atol=1e-6)
     assert reading.status == (OK,) * 16

@@ -209,3 +209,33 @@ def test_the_law_may_come_from_another_file(tmp_path, capsys):
     assert angles[1] < 0.7 * angles[0]
     assert main(["rod", "--law", str(tmp_path / "absent.json"), "--strains", "bend"]) == 1
     assert "absent.json: no such file" in capsys.readouterr().err
+
+
+def test_the_uniform_rod_answers_as_ends_of_silicone_do_without_weight(tmp_path):
+    tips = []
+    for ends in ("silicone", "uniform"):
+        path = tmp_path / f"{ends}.json"
+        state = ["--pattern", "psc", "--pressure-kpa", "100", "--gravity", "0,0,0", "--ends", ends]
+        assert main(["rod", *state, "--json", str(path)]) == 0
+        tips.append(json.loads(path.read_text())["tip_position_mm"])
+    np.testing.assert_allclose(*tips, atol=5e-3)
+
+
+def test_the_calibrated_law_is_that_of_the_uniform_rod_and_of_no_other(tmp_path, capsys):
+    path = tmp_path / "rod.json"
+    assert main(["rod", "--law", "calibrated", "--json", str(path)]) == 0
+    assert json.loads(path.read_text())["ends"] == "uniform"
+    assert main(["rod", "--law", "calibrated", "--ends", "silicone"]) == 1
+    assert "--law calibrated and --ends silicone exclude each other" in capsys.readouterr().err
+
+
+def test_on_a_law_of_the_states_own_elements_two_chambers_are_right_in_the_plane_of_the_bend(tmp_path):
+    """What the rod is off by on its own law there is what the meshes differ by."""
+    states, path = config_path("data/fe_muscle_states.json"), tmp_path / "rod.json"
+    law = config_path("data/fe_bending_law_states.json")
+    assert main(["rod", "--states", str(states), "--law", str(law), "--json", str(path)]) == 0
+    found = [each for each in json.loads(path.read_text())["states"] if each["pattern"] == "pdc"]
+    free = [each["tip_error_pct"] for each in found if each["kind"] == "free" and each["gravity_m_s2"][1] == 0.0]
+    moved = [each["displacement_error_pct"] for each in found if each["kind"] == "in plane"]
+    assert len(free) >= 10 and max(free) < 0.6
+    assert len(moved) == 7 and max(moved) < 7.0

@@ -19,12 +19,13 @@ from mbpam_ros.plant.mechanics.contact_law import (
 from mbpam_ros.plant.mechanics.contact_search import (
     BALLS,
     Surroundings,
-    _object_columns,
     contact_limit,
 )
 from mbpam_ros.plant.mechanics.contact_solver import _gather, _hessian, _push, _relative, _residual, scratch
+from mbpam_ros.plant.mechanics.object_contact import object_columns
+from mbpam_ros.plant.mechanics.parts import System, assemble, new_state
 from mbpam_ros.plant.mechanics.rod import build_rod
-from mbpam_ros.plant.mechanics.step import System, advance, assemble, bind, new_state
+from mbpam_ros.plant.mechanics.step import advance, bind
 
 GEOMETRY = load_gripper().geometry
 ROD = build_rod(GEOMETRY, 1, 7, BALLS)
@@ -39,16 +40,21 @@ NO_PLANES = np.empty((0, 3))
 
 def touches(bend, shape, half, centre, planes=NO_PLANES):
     """Depths, shares, points and normals of the contacts of one muscle of four: from a step too short to move it."""
-    table = contact_table(contact_limit(4, len(planes)), 2)
-    around = Surroundings(shape, np.array(half), planes, bool(len(planes)))
+    table, there = contact_table(contact_limit(4, len(planes)), 2, 4), slice(0, int(shape >= 0))
+    shapes, halves = np.array([shape])[there], np.array([half], float)[there]
+    around = Surroundings(shapes, halves, planes, bool(len(planes)))
     bases = np.array([BASE, *np.full((3, 3), -9.0)])
-    laws = np.array([CONFIG.law()] * 5)
-    system = System(1e-12, 2, np.array([0.0, 0.0, 9.81]), bases, ROD, 0.02, 1.0, np.ones(3), around, laws)
+    laws = np.array([CONFIG.law()] * 6)
+    system = System(
+        1e-12, 2, np.array([0.0, 0.0, 9.81]), bases, ROD, 0.02, np.ones(1)[there], np.ones((1, 3))[there], around, laws
+    )
     rates, upright = np.zeros(8 if shape < 0 else 14), np.array([0.0, 0, 0, 1])
-    state = new_state(table, np.array([*bend, *np.zeros(6)]), rates, np.array(centre), upright)
+    state = new_state(
+        table, np.array([*bend, *np.zeros(6)]), rates, np.array([centre], float)[there], np.array([upright])[there]
+    )
     parts = assemble(state, system, table)
     advance(bind(parts), np.zeros(2), np.zeros(2))
-    used = np.flatnonzero(table.finger[: table.count[0]] == 0)
+    used = np.flatnonzero(table.one[: table.count[0]] == 0)
     arm = np.column_stack([table.jacobian[used, 7, 1], table.jacobian[used, 5, 2], table.jacobian[used, 6, 0]])
     return table.depth[used], table.share[used], arm + centre, table.normal[used]
 
@@ -145,7 +151,7 @@ def test_a_gap_pushes_only_if_it_closes_within_the_step_and_as_much_as_touching_
 @pytest.mark.parametrize("step_s", [1e-5, 1e-3, 1e-2])
 def test_what_slips_holds_a_spring_at_the_cone_and_what_sticks_gives_back_what_was_put_in(step_s):
     """Drawn 0.5 mm aside, under a push of 0.4 N: at most mu f; let go, the spring has its stretch at the cone."""
-    law, laws, table, grip = CONFIG.law(), np.array([CONFIG.law()] * 5), contact_table(1, 2), no_grip(1)
+    law, laws, table, grip = CONFIG.law(), np.array([CONFIG.law()] * 6), contact_table(1, 2, 4), no_grip(1)
     table.count[0], table.depth[0], table.share[0], table.normal[0] = 1, 2e-4, 1.0, NORMAL
     stretched, work, velocity = [], 0.0, np.array([0.0, 5e-3, 0.0, 0.0, 0.0, 0.0])
     for _ in range(round(1e-1 / step_s)):
@@ -200,21 +206,24 @@ def test_slope_is_the_derivative_of_the_force_and_symmetric_and_positive(velocit
 
 @pytest.mark.parametrize("kind", [kind for kind in ContactKind if kind != ContactKind.OBJECT_PALM])
 def test_the_solutions_derivative_is_that_of_its_equations(kind):
-    random, coordinates, size = np.random.default_rng(kind), 4, 22
-    table, laws = contact_table(1, coordinates), np.array([CONFIG.law()] * 5)
+    random, coordinates, size = np.random.default_rng(kind), 4, 28
+    table, laws = contact_table(1, coordinates, 4, 2), np.array([CONFIG.law()] * 6)
     table.count[0], table.kind[0], table.depth[0], table.share[0] = 1, kind, 2e-4, 0.5
-    table.finger[0], table.other[0] = (
-        (-1 if kind == ContactKind.OBJECT_SUPPORT else 1),
-        (3 if kind == ContactKind.FINGER_FINGER else -1),
-    )
+    table.one[0], table.other[0] = {
+        ContactKind.FINGER_OBJECT: (1, 5),
+        ContactKind.OBJECT_SUPPORT: (-1, 4),
+        ContactKind.FINGER_SUPPORT: (2, -1),
+        ContactKind.FINGER_FINGER: (1, 3),
+        ContactKind.OBJECT_OBJECT: (4, 5),
+    }[kind]
     table.load[0], table.normal[0], table.jacobian[0] = (
         0.3,
         NORMAL,
         0.05 * random.standard_normal(table.jacobian[0].shape),
     )
     if kind in (ContactKind.FINGER_OBJECT, ContactKind.OBJECT_SUPPORT):
-        _object_columns.py_func((0.01, -0.02, 0.03), coordinates, table.jacobian[0].T)
-    room, zero, v = scratch(size, 5, 1), np.zeros((size, size)), 1e-4 * random.standard_normal(size)
+        object_columns.py_func((0.01, -0.02, 0.03), coordinates, table.jacobian[0].T)
+    room, zero, v = scratch(size, 6, 1), np.zeros((size, size)), 1e-4 * random.standard_normal(size)
     room.island[:], room.smooth[:] = 0, 0.0
     n, count = _gather.py_func(zero, table, 0, room)
     assert (n, count) == (size, 1)

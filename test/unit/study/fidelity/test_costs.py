@@ -9,7 +9,7 @@ from mbpam_ros.study.fidelity.costs import FEWEST_RUNS, MOST_RUNS, Trust, cost_l
 
 
 def test_what_repeats_is_run_the_fewest_times_and_what_does_not_the_most():
-    noisy = itertools.cycle([10.0, 20.0])
+    noisy = itertools.count(20.0, -1.0)
     turns = []
     timings, trust = timed({"steady": lambda: 7.0, "noisy": lambda: next(noisy)}, turns.append)
     assert (timings["steady"].runs, timings["steady"].cpu_ms_per_s) == (FEWEST_RUNS, 7.0)
@@ -17,8 +17,17 @@ def test_what_repeats_is_run_the_fewest_times_and_what_does_not_the_most():
     assert not trust.believed and "too busy" in str(trust)
 
 
-@pytest.mark.parametrize(("values", "expected"), [([1.0], math.inf), ([4.0] * 6, 0.0), ([9.0, 10.0, 10.0, 11.0], 0.05)])
-def test_the_spread_is_of_the_middle_half_over_the_median(values, expected):
+def test_a_core_that_is_slowed_for_a_while_costs_what_it_costs_alone():
+    slowed = itertools.cycle([15.0, 10.1, 15.2, 10.0])
+    timings, trust = timed({"run": lambda: next(slowed)}, lambda line: None)
+    assert timings["run"].cpu_ms_per_s == 10.0
+    assert trust.spread == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"), [([4.0, 4.0], math.inf), ([4.0] * 6, 0.0), ([30.0, 10.0, 11.0, 10.5], 0.1)]
+)
+def test_the_spread_is_of_the_third_least_over_the_least(values, expected):
     assert spread(values) == pytest.approx(expected)
 
 

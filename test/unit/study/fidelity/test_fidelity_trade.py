@@ -148,7 +148,7 @@ def short_trade(monkeypatch, tmp_path):
     monkeypatch.setattr(trade, "fidelities", lambda: grid)
     monkeypatch.setattr(trade, "quick_fidelities", lambda: grid)
     monkeypatch.setattr(trade, "QUICK_CASES", ("sphere",))
-    monkeypatch.setattr(costs, "MOST_RUNS", 2)
+    monkeypatch.setattr(costs, "MOST_RUNS", 3)
     return tmp_path
 
 

@@ -64,10 +64,12 @@ def test_chain_with_all_strains_has_the_muscle_in_compliance_free_stretch_and_co
     assert strained_lengths(STRAINED, 8).sum() == pytest.approx(active)
 
 
-def test_elements_of_cosserat_rods_end_where_the_muscle_does():
-    elements, start, length = rod_elements(PROBLEM, 10)
-    assert elements == 12
-    assert start + elements * length == pytest.approx(PROBLEM.geometry.length_m)
+@pytest.mark.parametrize("shares", [6, 10, 13, 20, 40])
+def test_elements_of_cosserat_rods_end_less_than_one_before_the_muscle_does(shares):
+    elements, start, length = rod_elements(PROBLEM, shares)
+    assert elements > shares and start + 0.5 * length == pytest.approx(PROBLEM.geometry.end_length_m)
+    left = PROBLEM.geometry.length_m - start - elements * length
+    assert -1e-12 <= left < length
 
 
 def test_tips_at_rest_are_those_of_the_boundary_value_problem():

@@ -1,0 +1,71 @@
+"""Silicones by name (``config/silicones.yaml``), or as ``mbpam silicone --json FILE`` has kept them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from mbpam_ros.configuration import ConfigError, load_config, parse_config
+from mbpam_ros.study.fe.material import Silicone
+
+SILICONES_FILE = "silicones.yaml"
+
+
+@dataclass(frozen=True)
+class KnownSilicone:
+    """Yeoh's constants of a silicone on the market.
+
+    Args:
+        c10_mpa, c20_mpa, c30_mpa: Yeoh's.
+        strain_to: largest engineering strain of the test that they follow.
+        source: where they, or the test, were published.
+    """
+
+    c10_mpa: float
+    c20_mpa: float
+    c30_mpa: float
+    strain_to: float
+    source: str
+
+
+@dataclass(frozen=True)
+class _SiliconesFile:
+    silicones: dict[str, KnownSilicone]
+
+
+@dataclass(frozen=True)
+class _YeohConstants:
+    c10_mpa: float
+    c20_mpa: float
+    c30_mpa: float
+
+
+def load_silicones() -> dict[str, KnownSilicone]:
+    """Return the silicones of the configuration by name.
+
+    Raises:
+        ConfigError: the file is missing or holds something else.
+    """
+    return load_config(_SiliconesFile, SILICONES_FILE).silicones
+
+
+def load_silicone(name: str) -> Silicone:
+    """Return the material of a name in the configuration, or of a file of ``mbpam silicone --json``.
+
+    Raises:
+        ConfigError: there is neither, or the file has no constants of Yeoh's model.
+    """
+    known = load_silicones()
+    if name in known:
+        found = known[name]
+        return Silicone(found.c10_mpa, found.c20_mpa, found.c30_mpa)
+    path = Path(name)
+    if not path.is_file():
+        raise ConfigError(f"no silicone {name!r}, nor a file of that name; known: {', '.join(known)}")
+    try:
+        constants = json.loads(path.read_text(encoding="utf-8"))["models"]["yeoh"]["constants"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{name}: no file of mbpam silicone --json: it has no constants of Yeoh's model") from error
+    yeoh = parse_config(_YeohConstants, constants, f"{name}: yeoh")
+    return parse_config(Silicone, vars(yeoh), name)

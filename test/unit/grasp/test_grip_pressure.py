@@ -1,0 +1,152 @@
+"""The least pressure that holds, read from the table, and what is made of it."""
+
+import itertools
+import json
+import re
+
+import numpy as np
+import pytest
+
+from mbpam_ros.configuration import ConfigError
+from mbpam_ros.grasp.grip_pressure import (
+    Expected,
+    GripConfig,
+    GripPlanner,
+    GripTable,
+    MassClasses,
+    load_grip_table,
+)
+from mbpam_ros.grasp.modes import MODE_NAMES
+
+MASSES = [0.05, 0.1, 0.2]
+HIGHEST_PA, STEP_PA = 120e3, 10e3
+
+
+def linear_pa(width_m, depth_m, friction, mass_kg):
+    return 40e3 + 1e5 * width_m + 5e4 * depth_m - 2e4 * friction + 2e5 * mass_kg
+
+
+def rows(least=linear_pa):
+    return [
+        {
+            "mode": mode,
+            "width_m": width,
+            "depth_m": depth,
+            "friction_coefficient": friction,
+            "mass_kg": MASSES,
+            "least_gauge_pa": [least(width, depth, friction, mass) for mass in MASSES],
+        }
+        for mode in MODE_NAMES
+        for width, depth, friction in itertools.product((0.03, 0.06), (0.07, 0.08, 0.1), (0.4, 0.8))
+    ]
+
+
+def interpolated(table, mode, *place):
+    least, weight = table.corners(mode, *place)
+    return float(least @ weight)
+
+
+def planner(table_rows=None, limit_pa=110e3, **config):
+    table = GripTable(rows() if table_rows is None else table_rows, HIGHEST_PA, STEP_PA)
+    return GripPlanner(GripConfig(**config), table, limit_pa)
+
+
+def test_between_the_measured_places_a_linear_law_comes_back():
+    table = GripTable(rows(), HIGHEST_PA, STEP_PA)
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        at = rng.uniform((0.03, 0.07, 0.4, 0.05), (0.06, 0.1, 0.8, 0.2))
+        assert interpolated(table, "mid_rod", *at) == pytest.approx(linear_pa(*at), rel=1e-12)
+
+
+def test_beyond_the_measured_places_the_nearest_counts_but_no_pressure_holds_a_heavier_object():
+    table = GripTable(rows(), HIGHEST_PA, STEP_PA)
+    nearest = linear_pa(0.03, 0.07, 0.4, 0.05)
+    assert interpolated(table, "envelope", 0.01, 0.02, 0.1, 0.01) == pytest.approx(nearest)
+    assert interpolated(table, "envelope", 0.05, 0.08, 0.5, 0.201) > HIGHEST_PA
+
+
+def test_the_grip_is_the_least_pressure_and_the_margin():
+    grip = planner(margin_ratio=0.1, margin_pa=1000.0)
+    least = linear_pa(0.05, 0.075, 0.5, 0.12)
+    assert grip.pressure_gauge_pa("mid_rod", 0.05, 0.075, 0.12, 0.5) == pytest.approx(1.1 * least + 1000.0)
+
+
+def test_a_margin_beyond_the_limit_is_cut_to_it():
+    least = linear_pa(0.05, 0.075, 0.5, 0.12)
+    grip = planner(limit_pa=least + 10.0)
+    assert grip.pressure_gauge_pa("mid_rod", 0.05, 0.075, 0.12, 0.5) == least + 10.0
+
+
+def test_what_needs_more_than_the_limit_is_too_heavy_by_name_and_figures():
+    grip = planner(rows(lambda width, depth, friction, mass: 60e3 if mass < 0.1 else 118e3))
+    found = grip.pressure_gauge_pa("mid_rod", 0.05, 0.075, 0.12, 0.5)
+    assert found == "too heavy: 120 g needs 118 kPa with a friction of 0.5, limit 110"
+
+
+def test_what_is_thinner_than_anything_measured_is_too_thin():
+    assert planner().pressure_gauge_pa("mid_rod", 0.026, 0.075, None, 0.5) == (
+        "too thin by 4.0 mm: 26.0 mm, 30 mm are known to be held"
+    )
+    assert planner().pressure_gauge_pa("mid_rod", 0.028, 0.075, None, 0.5) is None
+
+
+def test_without_a_mass_the_mode_decides():
+    assert planner().pressure_gauge_pa("mid_rod", 0.05, 0.075, None, 0.5) is None
+
+
+def held_between(low_m, high_m, heaviest_kg=1.0):
+    return rows(lambda width, depth, friction, mass: 60e3 if low_m <= depth <= high_m and mass <= heaviest_kg else None)
+
+
+@pytest.mark.parametrize("mass_kg", [None, 0.1])
+def test_an_object_that_lies_where_even_the_lightest_is_lost_is_too_deep_or_too_near(mass_kg):
+    deep = planner(held_between(0.0, 0.08)).pressure_gauge_pa("mid_rod", 0.05, 0.1, mass_kg, 0.5)
+    assert deep == "too deep by 1 mm: 100 mm below the palm, the fingers hold it at 70 to 99 mm"
+    near = planner(held_between(0.08, 1.0)).pressure_gauge_pa("mid_rod", 0.05, 0.06, mass_kg, 0.5)
+    assert near == "too near by 11 mm: 60 mm below the palm, the fingers hold it at 71 to 100 mm"
+    nowhere = planner(held_between(1.0, 1.0)).pressure_gauge_pa("mid_rod", 0.05, 0.06, mass_kg, 0.5)
+    assert nowhere == "no depth at which 110 kPa hold 50 mm in mid_rod"
+
+
+def test_beside_a_place_where_objects_are_lost_the_grip_grows_to_the_limit():
+    grip = planner(held_between(0.0, 0.08), margin_ratio=0.0, margin_pa=0.0)
+    found = [grip.pressure_gauge_pa("mid_rod", 0.05, depth, 0.1, 0.5) for depth in (0.08, 0.09, 0.0999)]
+    assert found == pytest.approx([60e3, 85e3, 109.75e3])
+
+
+def test_where_the_lightest_is_held_a_heavier_object_is_too_heavy():
+    found = planner(held_between(0.0, 1.0, 0.1)).pressure_gauge_pa("mid_rod", 0.05, 0.08, 0.2, 0.5)
+    assert found.startswith("too heavy: 200 g needs more than 120 kPa")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda content: content["rows"].pop(), "full grid"),
+        (lambda content: content["rows"].clear(), "no least pressures of the mode envelope"),
+        (lambda content: content.pop("settings"), "settings"),
+        (lambda content: content["rows"][0].update(mass_kg=[0.05, 0.1, 0.3]), "same mass_kg"),
+    ],
+)
+def test_a_file_that_is_no_such_table_is_refused_by_name(tmp_path, change, message):
+    content = {"settings": {"highest_gauge_pa": HIGHEST_PA, "step_pa": STEP_PA}, "rows": rows()}
+    change(content)
+    path = tmp_path / "table.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(ConfigError, match=rf"table\.json: .*{re.escape(message)}.*mbpam grip-table"):
+        load_grip_table(path)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: GripConfig(margin_ratio=-0.1), "margins must not be negative"),
+        (lambda: MassClasses(0.1, 0.1, 0.2), "mass classes must rise"),
+        (lambda: Expected(mass_kg=0.0), "mass_kg must be greater than 0"),
+        (lambda: Expected(friction_coefficient=float("nan")), "friction_coefficient must be greater than 0"),
+    ],
+)
+def test_values_that_cannot_be_are_refused(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()
