@@ -51,7 +51,7 @@ class AirBend:
     def __init__(self, gripper: Gripper, chamber: ChamberConfig) -> None:
         self._twin, self._chamber = IsoChambers(chamber), chamber
         self._law = calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
-        self._geometry = gripper.geometry
+        self._geometry = gripper.rod_geometry
         self._time_s = math.nan
         self._spool = np.zeros(CHANNEL_COUNT)
 
