@@ -18,7 +18,7 @@ holding    release                                                      releasin
 releasing  all pressures down                                           idle                 regulate to 0
 releasing  they are not before the time-out                             fault                vent
 any        stop, over-pressure, or a vent latched at the valves         fault                vent
-any        a finding of the valves: see :mod:`~mbpam_ros.grasp.responses`
+any        a finding at the valves (``grasp/responses.py``)             by its table         by its table
 fault      release (lets go of an object a fault has kept)              fault                vent
 fault      reset, pressures down and known, no fault reported           idle                 regulate to 0
 ========== ============================================================ ==================== ==============
