@@ -75,7 +75,7 @@ def watched(start):
     return Watched(start(ENDS, arguments={"plant": ["-p", "camera_rate_hz:=0.0"]}))
 
 
-# The other way round was tried by hand, twenty times; here each takes seconds.
+# The other way round was tried by hand, once; here each takes seconds.
 HOLDING_CLOSING = [("kill", "freeze")]
 
 
