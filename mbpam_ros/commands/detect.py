@@ -139,6 +139,8 @@ def _values(found: Detection) -> dict[str, object]:
         "confidence": float(found.confidence),
         "source": found.source,
         "bound": found.bound,
+        "hidden_m": list(found.hidden_m),
+        "size_range_m": None if found.size_range_m is None else found.size_range_m.tolist(),
         "contour_px": found.contour_px.tolist(),
     }
 

@@ -9,7 +9,8 @@ valves' openings and the pressures give the amount of gas n that has come in sin
 the bend theta at the measured pressure p. Fingers that an object keeps from bending hold less air at the same
 pressure: at 100 kPa by 0.13 % a degree (one chamber), so an error of the valves' conductance of 1 % counts as 8 deg.
 
-Not counted: that air warms as it is let in and cools within a second, and leaks.
+Not counted: that air warms as it is let in and cools within a second, and leaks. What valves err by adds up with all
+that they move, their test pulses included, so the account ends :data:`LONGEST_ACCOUNT_S` after it began.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ Array = NDArray[np.float64]
 LONGEST_GAP_S = 0.1
 """Openings that are not known for longer leave the amount unknown."""
 
+LONGEST_ACCOUNT_S = 60.0
+
 _BENDS_RAD = np.radians(np.arange(-30.0, 211.0, 15.0))
 _HANGING = np.array([0.0, 0.0, GRAVITY_M_S2])
 
@@ -51,8 +54,8 @@ class AirBend:
     def __init__(self, gripper: Gripper, chamber: ChamberConfig) -> None:
         self._twin, self._chamber = IsoChambers(chamber), chamber
         self._law = calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
-        self._geometry = gripper.geometry
-        self._time_s = math.nan
+        self._geometry = gripper.rod_geometry
+        self._time_s = self._begun_s = math.nan
         self._spool = np.zeros(CHANNEL_COUNT)
 
     @property
@@ -63,7 +66,8 @@ class AirBend:
     def begin(self, time_s: float, pressure_gauge_pa: Array) -> None:
         """Begin with fingers that hang straight under pressures (16,) near 0 [Pa gauge]."""
         self._twin.reset(np.clip(np.nan_to_num(pressure_gauge_pa), 0.0, self._chamber.supply_gauge_pa))
-        self._time_s, self._spool = time_s, np.zeros(CHANNEL_COUNT)
+        self._time_s = self._begun_s = time_s
+        self._spool = np.zeros(CHANNEL_COUNT)
 
     def forget(self) -> None:
         """Know nothing until the next beginning."""
@@ -74,7 +78,8 @@ class AirBend:
         if not self.known:
             return
         gap_s = time_s - self._time_s
-        if not 0.0 <= gap_s <= LONGEST_GAP_S or not np.isfinite(spool).all():
+        old = time_s - self._begun_s > LONGEST_ACCOUNT_S
+        if old or not 0.0 <= gap_s <= LONGEST_GAP_S or not np.isfinite(spool).all():
             self.forget()
             return
         if gap_s > 0.0:

@@ -11,6 +11,7 @@ and it touches at the least p with g(p) <= 0, where it pushes the object along n
 - no finger stands in it while straight, g(0) > -:data:`SLACK_M` (else it is too wide, or too far off the middle);
 - all fingers touch it, from sides that enclose it: no half plane of the palm's plane is free of pushes, but for the
   angle of friction, atan(mu). A finger that comes by without touching misses it by the least of its gaps;
+- where they touch it, neighbouring fingers do not stand in each other;
 - the pushes do not squeeze it out downward: the mean of n_z (down) is at most mu times the mean of its level part;
 - it lies below the palm, and the tips, which come deepest on their way, stay above the table.
 
@@ -76,11 +77,13 @@ class Touch(NamedTuple):
         gap_m: the least gap of each finger on its way from straight to the greatest pressure, shape (4,).
         pressure_gauge_pa: at which each first touches, shape (4,); NaN: it does not.
         push: direction in which each then pushes the object, unit vectors in ``gripper_base``, shape (4, 3); NaN.
+        axis_m: where its axis is nearest to the object then, shape (4, 3); NaN.
     """
 
     gap_m: Array
     pressure_gauge_pa: Array
     push: Array
+    axis_m: Array
 
     @property
     def touching(self) -> NDArray[np.bool_]:
@@ -123,6 +126,7 @@ class Reach:
             or self._palm_or_table(body, lines)
             or self._too_deep(body, lines)
             or self._missed(body, lines)
+            or self._too_thin(body, lines)
         )
 
     def touch(self, body: Body, mode: str, quarter_turns: int = 0, mirrored: bool = False) -> Touch:
@@ -150,7 +154,7 @@ class Reach:
         nearest = distance.argmin(axis=2)
         gap = distance.min(axis=2) - self._radius_m
         count = gap.shape[1]
-        pressure, push = np.full(count, np.nan), np.full((count, 3), np.nan)
+        pressure, push, axis = np.full(count, np.nan), np.full((count, 3), np.nan), np.full((count, 3), np.nan)
         for finger in range(count):
             inside = np.flatnonzero(gap[:, finger] <= 0.0)
             if not inside.size:
@@ -164,8 +168,8 @@ class Reach:
             pressure[finger] = self._pressure_pa[low] + share * (self._pressure_pa[k] - self._pressure_pa[low])
             place = int(nearest[k, finger])
             point = (1.0 - share) * lines[low, finger, place] + share * lines[k, finger, place]
-            push[finger] = -_outward(body, point)
-        return Touch(gap.min(axis=0), pressure, push)
+            push[finger], axis[finger] = -_outward(body, point), point
+        return Touch(gap.min(axis=0), pressure, push, axis)
 
     # What keeps an object from being held, by how much
 
@@ -237,6 +241,15 @@ class Reach:
             f"not enclosed: from {free_deg:.0f} deg around it no finger pushes, with this friction "
             f"{math.degrees(math.pi + self._friction_rad):.0f} deg may be open"
         )
+
+    def _too_thin(self, body: Body, lines: Array) -> str | None:
+        axis_m = self._touch(body, lines).axis_m
+        between_m = np.linalg.norm(axis_m - np.roll(axis_m, 1, axis=0), axis=1)
+        lacking_m = 2.0 * self._radius_m - float(between_m.min())
+        if lacking_m <= 0.0:
+            return None
+        width_mm, inside_mm = 1e3 * _level_width_m(body), 1e3 * lacking_m
+        return f"too thin: {width_mm:.1f} mm, fingers that touch it would stand {inside_mm:.1f} mm in each other"
 
     def _holds(self, found: Touch) -> bool:
         return self._encloses(found) and self._lifts(found)

@@ -10,6 +10,7 @@ and who asks for it hears nobody who does not offer it, as ``ros2 topic pub`` an
 
 from __future__ import annotations
 
+import functools
 import os
 import secrets
 import socket
@@ -57,6 +58,7 @@ class Instance:
         return cls(socket.gethostname().replace(" ", "_"), os.getpid(), secrets.token_hex(4))
 
     @classmethod
+    @functools.lru_cache(maxsize=64)
     def read(cls, text: str) -> Instance:
         """Return what :meth:`__str__` gave; a text from elsewhere stands for itself."""
         try:

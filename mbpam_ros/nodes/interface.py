@@ -136,7 +136,7 @@ TOPICS = (
     Topic(
         "detections",
         _MARKERS,
-        "shape, size [m], pose in gripper_base; color.a: confidence",
+        "shape, size [m], pose in gripper_base; color.a: confidence; points: how far a length seen in part may reach",
         ("object_detector",),
         ("grasp_arbiter",),
     ),

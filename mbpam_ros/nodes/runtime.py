@@ -94,6 +94,15 @@ class Health:
     values: dict[str, str] = field(default_factory=dict)
 
 
+@dataclass
+class _WatchedNode:
+    """A node that another depends on: what is heard of it, and whom to tell."""
+
+    signs: SignsOfLife
+    changed: Callable[[tuple[Instance, ...]], None]
+    alive: tuple[Instance, ...] = ()
+
+
 class NodeOptions(TypedDict, total=False):
     """What rclpy's ``Node`` takes beside its name, as far as anybody here gives it."""
 
@@ -130,6 +139,7 @@ class GripperNode(Node):
         self.rivals: tuple[Instance, ...] = ()
         self._sign_of_life = Header(frame_id=str(self.instance))
         self._beats = Lateness(PERIOD_S, LATENESS_MEMORY_S)
+        self._watched_nodes: list[_WatchedNode] = []
         self._alive = self.create_publisher(Header, alive_topic(self.get_name()), STREAM)
         self._same_name = self.signs_of(self.get_name())
         self.create_timer(PERIOD_S, self._beat, clock=self._steady_clock)
@@ -209,17 +219,18 @@ class GripperNode(Node):
 
         Before its first sign of life nothing is called: it may be none of ours, and give none.
         """
-        signs = self.signs_of(node_name)
-        known: list[tuple[Instance, ...]] = [()]
+        if not self._watched_nodes:
+            self.create_timer(LIFE_LOOK_S, self._look_who_lives, clock=self._steady_clock)
+        self._watched_nodes.append(_WatchedNode(self.signs_of(node_name), changed))
 
-        def look() -> None:
-            now_s = time.monotonic()
-            alive = signs.look(now_s, self._beats.worst_s(now_s))
-            if alive != known[0]:
-                known[0] = alive
-                changed(alive)
-
-        self.create_timer(LIFE_LOOK_S, look, clock=self._steady_clock)
+    def _look_who_lives(self) -> None:
+        now_s = time.monotonic()
+        held_up_s = self._beats.worst_s(now_s)
+        for watched in self._watched_nodes:
+            alive = watched.signs.look(now_s, held_up_s)
+            if alive != watched.alive:
+                watched.alive = alive
+                watched.changed(alive)
 
     def rivals_changed(self) -> None:
         """Do what must be done when another node of this name appears or goes; ``self.rivals`` has them."""

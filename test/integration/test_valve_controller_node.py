@@ -434,8 +434,8 @@ class Arbiter:
         self.loops, self.runs = loops, list(runs)
         self.alive = loops.graph.publisher(Header, "grasp_arbiter/alive")
         self.timer = loops.graph.test_node.create_timer(0.05, self.beat)
-        taken = loops.graph.listen(DiagnosticStatus, "valve_controller/state", LATCHED)
-        loops.graph.spin_until(lambda: len(taken) > 1, "signs of life taken")
+        watched = loops.node._watched_nodes[0]
+        loops.graph.spin_until(lambda: len(watched.alive) == len(runs), "signs of life taken")
 
     def beat(self):
         for run in self.runs:

@@ -5,7 +5,7 @@ ends where the muscle ends. Each ball that overlaps a solid is one contact and s
 it. So the force is spread along the muscle as depth is, and does not jump where a muscle lies along a face. A gap that
 may close within the step is a contact too: what moves fast is met where it comes from.
 
-``forceinline``: handing a dozen arrays to a function that is called for each ball takes as long as its work.
+A search also says how far muscles are from anything at the least. Until they may have moved as far there is no other.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ from mbpam_ros.plant.mechanics.vectors import Array, dot, minus, norm, plus, row
 
 BALLS = 49
 """Balls along a muscle: 2.5 mm apart."""
+
+CLEAR_M = 0.002
+"""How much farther than contacts are sought a muscle is known to be clear."""
 
 PLATE_THICKNESS_M = 0.010
 """A support with a footprint is a plate: what is deeper than this below its top has gone past its edge."""
@@ -58,6 +61,7 @@ class Places(NamedTuple):
         plane, level: the table's origin and axes, shapes (3,) and (3, 3).
         points, edges: room for rest points, and for two objects' edges.
         ways: how far fingers, each object and the hand moved in the last sub-step [m], shape (K + 2,).
+        clear: least distance of a muscle from an object or another muscle [m]; or less than it is, shape (1,).
         wide: whether fingers, and each object, are looked at from farther away: they moved so far when the sub-step was
             done before, shape (K + 1,).
     """
@@ -68,6 +72,7 @@ class Places(NamedTuple):
     points: Array
     edges: Array
     ways: Array
+    clear: Array
     wide: NDArray[np.bool_]
 
 
@@ -78,7 +83,7 @@ def places(around: Surroundings) -> Places:
         plane[2] = around.planes[-1, 0]
     bodies = 1 + len(around.shapes)
     points, ways, wide = np.zeros((REST_POINTS, 5)), np.zeros(bodies + 1), np.zeros(bodies, np.bool_)
-    return Places(np.zeros(3), plane, np.eye(3), points, pair_room(), ways, wide)
+    return Places(np.zeros(3), plane, np.eye(3), points, pair_room(), ways, np.zeros(1), wide)
 
 
 def contact_limit(fingers: int, planes: int, fingers_touch: bool = False, objects: int = 1) -> int:
@@ -89,10 +94,10 @@ def contact_limit(fingers: int, planes: int, fingers_touch: bool = False, object
     return (objects + 1) * BALLS * fingers + between + at_rest + PAIR_CONTACTS * pairs
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _muscle_contacts(
     rod: Rod, motion: Motion, finger: int, base: Array, body: int, shape: int, half: Array, centre: Array,
-    rotation: Array, slot: int, rise: float, outlook: Outlook, contacts: Contacts,
+    rotation: Array, slot: int, rise: float, outlook: Outlook, clear: Array, contacts: Contacts,
 ) -> None:  # fmt: skip
     """Append the contacts of one muscle with one solid: an object, or no body.
 
@@ -108,8 +113,9 @@ def _muscle_contacts(
         x, y, z = to_body(rotation, place)
         distance, gx, gy, gz = signed_distance(shape, half, x, y, z)
         depth = rod.radius - distance
+        clear[0] = min(clear[0], -depth)
         if depth <= -outlook.reach:
-            nearest = k + math.ceil(-(depth + outlook.reach) / rod.farthest)
+            nearest = k + math.ceil(-(depth + outlook.reach + CLEAR_M) / rod.farthest)
             continue
         outward = to_world(rotation, (gx, gy, gz))
         arm = times(-0.5 * (distance + rod.radius), outward)  # to the point half-way between the two surfaces
@@ -190,7 +196,7 @@ def closing(ways: Array, one: int, other: int) -> float:
     return way
 
 
-@kernel(inline="always")
+@kernel
 def find_contacts(
     bases: Array, rod: Rod, motion: Motion, around: Surroundings, position: Array, rotation: Array,
     lift: float, hand_velocity: float, near: bool, step_s: float, pull: float, velocity: Array, rates: Array,
@@ -204,13 +210,15 @@ def find_contacts(
         widest = max(widest, look(room, 0, 1 + k, pull, hand_m)[0])
     if near:
         write_rates(motion, contacts.coordinates, velocity, rates)
-        write_boxes(bases, rod, motion, 0.5 * widest, room_of_lines)
+        write_boxes(bases, rod, motion, 0.5 * (widest + CLEAR_M), room_of_lines)
+        room.clear[0] = np.inf
     for f in range(fingers if near else 0):
         base[0], base[1], base[2] = bases[f, 0], bases[f, 1], bases[f, 2] - lift
         for k in range(objects + 1):
             on_object = k < objects
             body, shape, half, place, turn = -1, PLANE, room.plane, room.plane, room.level
             reach, own_pull = look(room, 0, 1 + k if on_object else 0, pull, hand_m)
+            room.clear[0] = min(room.clear[0], reach + CLEAR_M)
             if on_object:
                 body, shape, half, place, turn = (
                     fingers + k,
@@ -220,14 +228,14 @@ def find_contacts(
                     rotation[k],
                 )
                 x, y, z = row(position, k)
-                if not near_ball(room_of_lines, f, (x, y, z + lift), norm(vector(half, 0)) + 0.5 * widest):
+                if not near_ball(room_of_lines, f, (x, y, z + lift), norm(vector(half, 0)) + 0.5 * (widest + CLEAR_M)):
                     continue
             elif not around.table_in_reach:
                 continue
             slot = BALLS * ((objects + 1) * f + k)
             outlook = Outlook(step_s, reach, own_pull, velocity, rates)
             _muscle_contacts(
-                rod, motion, f, base, body, shape, half, place, turn, slot, hand_velocity, outlook, contacts
+                rod, motion, f, base, body, shape, half, place, turn, slot, hand_velocity, outlook, room.clear, contacts
             )
     slot = BALLS * (objects + 1) * fingers
     for k in range(objects):
@@ -237,7 +245,7 @@ def find_contacts(
     if around.fingers_touch and near:
         reach, own_pull = look(room, 0, 0, pull, hand_m)
         outlook = Outlook(step_s, reach, own_pull, velocity, rates)
-        append_finger_contacts(bases, rod, motion, room_of_lines, slot, outlook, contacts)
+        append_finger_contacts(bases, rod, motion, room_of_lines, slot, outlook, CLEAR_M, room.clear, contacts)
     slot += BALLS * fingers * (fingers - 1)
     for other in range(1, objects):
         for one in range(other):

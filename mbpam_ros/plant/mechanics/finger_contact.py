@@ -32,7 +32,7 @@ _SAME_POINT_M = 1e-9
 
 
 class Lines(NamedTuple):
-    """Room: centreline points of all fingers, their boxes (4, 2, 3), and two Jacobians of balls (2, 6, D).
+    """Room: centreline points of all fingers, their boxes (4, 2, 3), and two J^T of balls (2, D, 6).
 
     Points are four to a group, shape (4, 3, n / 4, 4), so that they are compared four at once; what is left of the last
     group is at infinity.
@@ -47,7 +47,7 @@ def lines(rod: Rod, fingers: int) -> Lines:
     """Return the room for fingers with this rod."""
     balls, coordinates = rod.balls.shape[0], coordinates_of(rod)
     points = np.full((fingers, 3, -(-balls // WIDTH), WIDTH), np.inf)
-    return Lines(points, np.empty((fingers, 2, 3)), np.empty((2, 6, coordinates)))
+    return Lines(points, np.empty((fingers, 2, 3)), np.empty((2, coordinates, 6)))
 
 
 @kernel
@@ -94,9 +94,13 @@ def _overlap(one: Array, other: Array) -> bool:
 
 @kernel
 def append_finger_contacts(
-    bases: Array, rod: Rod, motion: Motion, room: Lines, slot: int, outlook: Outlook, contacts: Contacts
-) -> None:
-    """Append the contacts of all fingers with each other, in slots from ``slot`` on; their boxes are those now."""
+    bases: Array, rod: Rod, motion: Motion, room: Lines, slot: int, outlook: Outlook, margin: float, clear: Array,
+    contacts: Contacts,
+) -> None:  # fmt: skip
+    """Append the contacts of all fingers with each other, in slots from ``slot`` on; their boxes are those now.
+
+    They are ``clear`` (1,) unless any two may be nearer than what is looked for and a margin.
+    """
     if not fingers_near(room):
         return
     _write_points(bases, rod, motion, _FINE_STRIDE, room.points)
@@ -104,8 +108,9 @@ def append_finger_contacts(
     for g in range(1, bases.shape[0]):
         for f in range(g):
             if _overlap(room.boxes[f], room.boxes[g]) and _may_touch(
-                rod, room.points[f], room.points[g], outlook.reach
+                rod, room.points[f], room.points[g], outlook.reach + margin
             ):
+                clear[0] = 0.0
                 if not complete:
                     _write_points(bases, rod, motion, 1, room.points)
                     complete = True
@@ -178,15 +183,12 @@ def _nearest_point(points: Array, balls: int, place: Vector, guess: int) -> tupl
     return along, best
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _ball_contacts(
     bases: Array, rod: Rod, motion: Motion, one: int, other: int, room: Lines, slot: int, outlook: Outlook,
     contacts: Contacts,
 ) -> None:  # fmt: skip
-    """Append the contacts of the balls of finger ``one`` with the centreline of the ``other``.
-
-    ``forceinline``: to hand the arrays on takes as long as to find that nothing touches.
-    """
+    """Append the contacts of the balls of finger ``one`` with the centreline of the ``other``."""
     balls, line = rod.balls.shape[0], room.points[other]
     next_ball, guess = 0, 0  # the next that may touch, and what was nearest to the one before
     for k in range(balls):
@@ -227,7 +229,7 @@ def _ball_contacts(
         arm = times(0.5 * toward * distance, normal)  # to the point half-way between the centrelines
         back = times(-1.0, arm)
         own, others = (0, coordinates) if one < other else (coordinates, 0)
-        near, far = room.jacobians[0], room.jacobians[1]
+        near, far = room.jacobians[0].T, room.jacobians[1].T
         ball_jacobian(rod, motion, one, k, -toward, arm, near)
         for i in range(6):
             for c in range(coordinates):

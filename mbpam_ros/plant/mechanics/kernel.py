@@ -4,6 +4,10 @@ A kernel is compiled where compiled code calls it, once for each set of types, w
 it: that takes a fifth of the time of a first start. Called from Python it is plain Python. What Python is to call
 compiled is an entry.
 
+The compiler goes through all that a function calls anew for each that calls it, and through one long function for much
+longer than through its parts: few levels of functions of some length are compiled fastest. A level that only hands on
+is put into its caller before types are found.
+
 To count references takes longer for sixty arrays than a sub-step does. The functions make no array, and keep none
 longer than their call; numba refuses others when it compiles them. As the packing of arguments, this is done with the
 versions of numba that were tried, and compiled as usual with any other.

@@ -196,12 +196,31 @@ def _look_wider(spots: Places, before: Array, radius: float, pull: float, hand_m
 
 
 @kernel
+def _use_up_clearance(spots: Places, before: Array, known: bool) -> None:
+    """Take off the muscles' clearance what they and objects may have moved in the sub-step, if that is ``known``.
+
+    What moves freely moves at the mean of its velocities ``before`` and after.
+    """
+    farthest = 0.0
+    for i in range(before.shape[0]):
+        before[i] = max(before[i], spots.ways[i])
+    for other in range(spots.wide.shape[0]):
+        farthest = max(farthest, closing(before, 0, other))
+    spots.clear[0] = max(spots.clear[0] - farthest, 0.0) if known else 0.0
+
+
+@kernel
 def _near(parts: Parts, lift: float, pull: float, hand_m: float) -> bool:
     """Whether any muscle may touch something: what is as near to where the last sweep saw them as it may come does."""
     system, work, around, spots = parts.system, parts.work, parts.system.surroundings, parts.work.spots
     if around.table_in_reach:
         return True
     if around.shapes.shape[0] == 0 and not around.fingers_touch:
+        return False
+    widest, _ = look(spots, 0, 0, pull, hand_m)
+    for k in range(around.shapes.shape[0]):
+        widest = max(widest, look(spots, 0, 1 + k, pull, hand_m)[0])
+    if spots.clear[0] > widest:
         return False
     for f in range(work.midpoint_known.shape[0]):
         if not work.midpoint_known[f]:
@@ -218,6 +237,7 @@ def _near(parts: Parts, lift: float, pull: float, hand_m: float) -> bool:
         for f in range(system.bases.shape[0]):
             if near_ball(work.room_of_lines, f, (x, y, z + lift), within):
                 return True
+    spots.clear[0] = max(spots.clear[0], radius)
     return False
 
 
@@ -299,7 +319,7 @@ def _look_ahead(velocity: Array, start: Array, extrapolate: bool, gain: Array, a
         gain[i] = change
 
 
-@kernel(inline="always")
+@kernel
 def _solve_touching(parts: Parts, gravity: Vector, anew: bool, ahead: bool) -> tuple[int, int]:
     """Write the velocities of objects and of muscles that touch something; return OK or not, and Newton's steps.
 
@@ -336,7 +356,7 @@ def _solve_touching(parts: Parts, gravity: Vector, anew: bool, ahead: bool) -> t
     return OK, iterations
 
 
-@kernel(inline="always")
+@kernel
 def _solve_free(parts: Parts, gravity: Vector) -> int:
     """Write the velocities of the muscles that touch nothing, sweep by sweep; return OK or what went wrong."""
     state, system, work = parts.state, parts.system, parts.work
@@ -356,7 +376,7 @@ def _solve_free(parts: Parts, gravity: Vector) -> int:
     return OK
 
 
-@kernel(inline="always")
+@kernel
 def _find_velocities(parts: Parts, heights: Array, rates: Array, step: int, ahead: bool) -> tuple[int, int]:
     """Write the velocities after a sub-step; return OK or what went wrong, and Newton's steps.
 
@@ -376,6 +396,7 @@ def _find_velocities(parts: Parts, heights: Array, rates: Array, step: int, ahea
     pull, hand_m = max(system.step_s * system.step_s * norm(gravity) - SEEN_LATE_M, 0.0), abs(system.step_s * hand)
     spots, before = work.spots, work.before_ways
     spots.wide[:] = False
+    wider = False
     for _ in range(LOOKS):
         for i in range(before.shape[0]):
             before[i] = spots.ways[i]
@@ -396,18 +417,16 @@ def _find_velocities(parts: Parts, heights: Array, rates: Array, step: int, ahea
         _measure_ways(state, work.start, system, work.theta, hand, spots.ways)
         if not _look_wider(spots, before, radius, pull, hand_m):
             break
+        wider = True
     for f in range(known.shape[0]):
         known[f] = island[f] < 0
+    _use_up_clearance(spots, before, ahead and not wider)
     return TOO_DEEP if _too_deep(system.step_s, contacts) else OK, iterations
 
 
 @kernel(inline="always")
 def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
-    """Do the work of ``advance``.
-
-    ``inline``: to hand sixty arrays on takes longer than what is done with them, in the compiler too. Where an array or
-    two are handed on, or there is more than one caller, a function of its own is compiled faster.
-    """
+    """Do the work of ``advance``."""
     state, system, contacts, work = parts.state, parts.system, parts.contacts, parts.work
     steps, fingers = heights.shape[0] - 1, work.midpoint_known.shape[0]
     if steps == 0:
@@ -419,7 +438,8 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
     iterations, ahead = 0, work.ahead_known[0]
     work.ahead_known[0] = False  # unless all goes well
     copy_state(state, work.before)
-    directors, load, mass, known = work.midpoints
+    midpoints = work.midpoints
+    directors, load, mass, known = midpoints.directors, midpoints.load, midpoints.mass, midpoints.known
     copy_lanes(work.motion.tangent, work.room.load, work.room.mass, directors, load, mass)
     for f in range(fingers):
         known[f] = work.midpoint_known[f]
@@ -437,6 +457,7 @@ def _advance(parts: Parts, heights: Array, rates: Array) -> tuple[int, int]:
             copy_lanes(directors, load, mass, work.motion.tangent, work.room.load, work.room.mass)
             for f in range(fingers):
                 work.midpoint_known[f] = known[f]
+            work.spots.clear[0] = 0.0
             return answer, iterations
         remember(system.step_s, system.laws, contacts, Grip(state.held, state.slots, state.springs))
         _look_ahead(state.velocity, work.start, ahead, work.gain, work.ahead)
@@ -461,7 +482,7 @@ def forget(work: Work) -> None:
     """Let the next step go on from the state alone."""
     work.midpoint_known[:] = False
     work.ahead_known[0] = False
-    work.spots.ways[:] = 0.0
+    work.spots.ways[:], work.spots.clear[:] = 0.0, 0.0
 
 
 def _sample() -> Parts:
@@ -478,22 +499,16 @@ def _sample() -> Parts:
     return assemble(state, system, contacts)
 
 
-_write, _read = access(_sample())
+_SAMPLE = _sample()
+_read = access(_SAMPLE)
 
 
-def _cached(
-    digest: int,
-) -> tuple[Callable[[Block, Parts], None], Callable[[Block, Array, Array], tuple[int, int]]]:
-    """Compile ``_bind`` and ``advance`` into the cache on disk.
+def _cached(digest: int) -> Callable[[Block, Array, Array], tuple[int, int]]:
+    """Compile ``advance`` into the cache on disk.
 
     The cache only watches the file of the cached function. A digest of all sources it is built from, being part of
     the closure, is part of the cache's key: no stale machine code after an edit of another file.
     """
-
-    @entry(cache=True)
-    def _bind(bound: Block, parts: Parts) -> None:
-        if digest >= 0:
-            _write(bound, parts)
 
     @entry(cache=True, nogil=True)
     def advance(bound: Block, heights: Array, rates: Array) -> tuple[int, int]:
@@ -510,7 +525,7 @@ def _cached(
             return NOT_SOLVED, 0
         return _advance(_read(bound), heights, rates)
 
-    return _bind, advance
+    return advance
 
 
 def kernel_sources() -> list[Path]:
@@ -519,15 +534,13 @@ def kernel_sources() -> list[Path]:
     return [source for folder in folders for source in sorted(folder.glob("*.py"))]
 
 
-_bind, advance = _cached(source_digest(kernel_sources()))
+advance = _cached(source_digest(kernel_sources()))
 
 
 def bind(parts: Parts) -> Block:
     """Return the parts for :func:`advance`; changes of their arrays are seen on both sides. Keep them as long as this.
 
     Raises:
-        numba.TypingError: an array is not contiguous or not of its type.
+        TypeError: an array is not contiguous or not of its type.
     """
-    bound = new_block(parts)
-    _bind(bound, parts)
-    return bound
+    return new_block(parts, _SAMPLE)

@@ -15,12 +15,12 @@ def hostile_images(width_px: int, height_px: int, seed: int = 0) -> list[NDArray
     images = [np.repeat(board[..., None], 3, axis=2).astype(np.uint8) for board in boards]
     discs = np.full((height_px, width_px, 3), 60, np.uint8)
     for index in range(40):
-        centre = (60 + (width_px - 120) * (index % 8) // 7, 60 + (height_px - 120) * (index // 8) // 4)
-        cv2.circle(discs, centre, 22, tuple(int(level) for level in rng.integers(90, 255, 3)), -1)
+        middle = (60 + (width_px - 120) * (index % 8) // 7, 60 + (height_px - 120) * (index // 8) // 4)
+        cv2.circle(discs, middle, 22, tuple(int(level) for level in rng.integers(90, 255, 3)), -1)
     boxes = np.full((height_px, width_px, 3), 120, np.uint8)
     for _ in range(100):
-        middle, size = rng.uniform((0, 0), (width_px, height_px)).tolist(), rng.uniform(15.0, 70.0, 2).tolist()
-        corners = cv2.boxPoints((middle, size, float(rng.uniform(0.0, 180.0)))).astype(np.int32)
+        centre, size = rng.uniform((0, 0), (width_px, height_px)).tolist(), rng.uniform(15.0, 70.0, 2).tolist()
+        corners = cv2.boxPoints((centre, size, float(rng.uniform(0.0, 180.0)))).astype(np.int32)
         cv2.fillConvexPoly(boxes, corners, tuple(int(level) for level in rng.integers(0, 255, 3)))
     noise = rng.integers(0, 256, (height_px, width_px, 3), dtype=np.uint8)
     blocks = rng.integers(0, 256, (height_px // 24 + 1, width_px // 24 + 1, 3), dtype=np.uint8)

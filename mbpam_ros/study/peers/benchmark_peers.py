@@ -3,7 +3,8 @@
 Four muscles bend freely under a moment that is switched on; each simulator runs at its cheapest setting that keeps the
 tips within the static and transient error (over the muscle's length). Then they also stretch and twist, hanging, and
 level, where gravity twists them. Costs are of the first 0.6 s, while there is motion. With contact, a sphere is
-grasped at 70 % of the pressure and lifted, both at the same step. Needs the extra ``bench``.
+grasped at 70 % of the pressure and lifted, both at the same step, and each at its cheapest setting that is within 1 %
+of its own converged run. Needs the extra ``bench``.
 """
 
 from __future__ import annotations
@@ -18,6 +19,14 @@ from typing import Any
 
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.gripper import Gripper
+from mbpam_ros.study.peers.contact_accuracy import (
+    CALL_S,
+    ERROR_PCT,
+    cost_of_grasp,
+    in_calls,
+    mujoco_grasps,
+    own_grasps,
+)
 from mbpam_ros.study.peers.grasp import GRASP_S, HELD_SHARE, LIFT_M, Grasp
 from mbpam_ros.study.peers.mujoco_model import (
     CONE,
@@ -45,7 +54,7 @@ from mbpam_ros.terminal import table
 PRESSURE_PA, GRASP_SHARE = 100e3, 0.7
 _SPHERE = {"radius_m": 0.030, "mass_kg": 0.046, "depth_m": 0.085}
 _FRICTION, _SLIPPERY = 0.6, 0.2
-_CONTACT_ELEMENTS, _CONTACT_MODES, _CONTACT_STEP_S, _CALL_S = 8, 3, 0.002, 0.010
+_CONTACT_ELEMENTS, _CONTACT_MODES, _CONTACT_STEP_S = 8, 3, 0.002
 _CONTACT_INTEGRATORS = ("discrete", "implicitfast")
 _SINGLE_STEP_S = 0.001
 _LIMITS = {"1pct": (1.0, 1.0), "0p1pct": (0.1, 0.2)}
@@ -54,7 +63,7 @@ _LEVEL = (GRAVITY_M_S2, 0.0, 0.0)
 BEND, ALL_STRAINS = "bend", "bend,stretch,twist"
 """Sets of strains that are compared."""
 
-PARTS = {BEND: 6, ALL_STRAINS: 6}
+PARTS = {BEND: 7, ALL_STRAINS: 6}
 """Into how many parts the comparison of each falls."""
 
 
@@ -108,8 +117,11 @@ def _bending(
     )
     details["pyelastica_1pct"] = _free(cheapest(own, 1.0, float("inf")), cheapest(elastica, 1.0, float("inf")), runs)
     job_ended("pyelastica_1pct")
-    details["contact_equal_step"] = _contact(finger_problem(gripper, GRASP_SHARE * PRESSURE_PA, retardation_s), runs)
+    grasped = finger_problem(gripper, GRASP_SHARE * PRESSURE_PA, retardation_s)
+    details["contact_equal_step"] = _contact(grasped, runs)
     job_ended("contact_equal_step")
+    details["contact_equal_accuracy"] = _equally_accurate(Grasp(grasped, friction=_FRICTION, **_SPHERE), runs)
+    job_ended("contact_equal_accuracy")
     return details
 
 
@@ -232,7 +244,7 @@ def _contact(problem: FingerProblem, runs: int) -> dict[str, object]:
     """Time a grasp and lift at one step; show that the sphere slips out in both with little friction."""
 
     def lifted(simulation: OwnGrasp | MujocoGrasp) -> float:
-        return cpu_ms_per_s(simulation, lambda span: _in_calls(simulation.advance, span), GRASP_S)
+        return cpu_ms_per_s(simulation, lambda span: in_calls(simulation.advance, span), GRASP_S)
 
     def own(friction: float) -> OwnGrasp:
         return OwnGrasp(Grasp(problem, friction=friction, **_SPHERE), _CONTACT_MODES, _CONTACT_STEP_S)
@@ -252,7 +264,7 @@ def _contact(problem: FingerProblem, runs: int) -> dict[str, object]:
             rises[f"{name}, mu = {friction}"] = {"rise_m": rise, "held": rise > HELD_SHARE * LIFT_M}
     ours, other = own(_FRICTION), peer(_FRICTION, integrator)
     timed = compare(lambda: lifted(ours), lambda: lifted(other), runs)
-    setting = {"step_s": _CONTACT_STEP_S, "call_s": _CALL_S, "pressure_share": GRASP_SHARE, **_SPHERE}
+    setting = {"step_s": _CONTACT_STEP_S, "call_s": CALL_S, "pressure_share": GRASP_SHARE, **_SPHERE}
     return {
         **timed,
         **setting,
@@ -262,9 +274,11 @@ def _contact(problem: FingerProblem, runs: int) -> dict[str, object]:
     }
 
 
-def _in_calls(advance: Callable[[float], None], seconds: float) -> None:
-    for _ in range(round(seconds / _CALL_S)):
-        advance(_CALL_S)
+def _equally_accurate(grasp: Grasp, runs: int) -> dict[str, Any]:
+    """Time a grasp and lift, each at its cheapest setting that is near enough to its own converged run."""
+    ours, peer = (cheapest(tried(grasp), ERROR_PCT, ERROR_PCT) for tried in (own_grasps, mujoco_grasps))
+    timed = compare(lambda: cost_of_grasp(ours.simulation), lambda: cost_of_grasp(peer.simulation), runs)
+    return {**timed, "error_pct": ERROR_PCT, "call_s": CALL_S, "ours": ours.as_json(), "peer": peer.as_json()}
 
 
 def _conditions() -> dict[str, object]:

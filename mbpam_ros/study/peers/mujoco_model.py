@@ -25,7 +25,7 @@ import numpy as np
 from mbpam_ros.study.peers.grasp import GRASP_S, Grasp, hand_motion
 from mbpam_ros.study.peers.problem import Array, FingerProblem, PeerMissingError, Strains
 
-CONE, IMPRATIO = "elliptic", 10.0
+CONE, IMPRATIO, TOLERANCE = "elliptic", 10.0, 1e-8
 INTEGRATORS = ("discrete", "implicitfast", "implicit")
 """What the search tries, where the installed version has it."""
 
@@ -57,12 +57,16 @@ def link_spans(problem: FingerProblem, elements: int) -> Array:
     return np.column_stack([ends[:-1], ends[1:]])
 
 
-def model_xml(problem: FingerProblem, elements: int, step_s: float, integrator: str, grasp: Grasp | None = None) -> str:
+def model_xml(
+    problem: FingerProblem, elements: int, step_s: float, integrator: str, grasp: Grasp | None = None,
+    cone: str = CONE, tolerance: float = TOLERANCE,
+) -> str:  # fmt: skip
     """Return the model as MJCF, world z up; without a grasp nothing touches and the hand stands still."""
     root = ElementTree.Element("mujoco")
     ElementTree.SubElement(root, "compiler", angle="radian")
     options = {
-        "timestep": _text(step_s), "integrator": integrator, "cone": CONE, "impratio": _text(IMPRATIO),
+        "timestep": _text(step_s), "integrator": integrator, "cone": cone, "impratio": _text(IMPRATIO),
+        "tolerance": _text(tolerance),
         "gravity": _text(*problem.gravity_m_s2[:2], -problem.gravity_m_s2[2]),
     }  # fmt: skip
     option = ElementTree.SubElement(root, "option", options)
@@ -225,15 +229,18 @@ class MujocoFreeBend:
 
 
 class MujocoGrasp:
-    """MuJoCo closing on a sphere and lifting it.
+    """MuJoCo closing on a sphere and lifting it, with a cone of friction and a tolerance of its solver.
 
     Raises:
         PeerMissingError: it is not installed.
     """
 
-    def __init__(self, grasp: Grasp, elements: int, step_s: float, integrator: str) -> None:
+    def __init__(
+        self, grasp: Grasp, elements: int, step_s: float, integrator: str, cone: str = CONE,
+        tolerance: float = TOLERANCE,
+    ) -> None:  # fmt: skip
         self._mujoco = load_mujoco()
-        xml = model_xml(grasp.problem, elements, step_s, integrator, grasp)
+        xml = model_xml(grasp.problem, elements, step_s, integrator, grasp, cone, tolerance)
         self._model = self._mujoco.MjModel.from_xml_string(xml)
         self._data = self._mujoco.MjData(self._model)
         self._step_s, self._grasp = step_s, grasp
@@ -257,6 +264,11 @@ class MujocoGrasp:
     def rise_m(self) -> float:
         """Return how far the sphere has risen."""
         return float(self._data.body("sphere").xpos[2]) + self._grasp.depth_m
+
+    def places_m(self) -> Array:
+        """Return the tips and the sphere's centre, world frame with z down, shape (5, 3)."""
+        self._mujoco.mj_kinematics(self._model, self._data)
+        return np.vstack([self._data.site_xpos, self._data.body("sphere").xpos]) * (1.0, 1.0, -1.0)
 
 
 def has_integrator(name: str) -> bool:

@@ -87,6 +87,11 @@ class OwnGrasp:
         """Return how far the sphere has risen."""
         return self._grasp.depth_m - float(self._tier.body_states()[0].position_m[2])
 
+    def places_m(self) -> Array:
+        """Return the tips and the sphere's centre, world frame, shape (5, 3)."""
+        tips_m = self._tier.centreline_m()[:, -1] - (0.0, 0.0, self._height_m[self._done])
+        return np.vstack([tips_m, self._tier.body_states()[0].position_m])
+
 
 def reference_tips(problem: FingerProblem) -> Array:
     """Return the converged tips (SAMPLES + 1, 4, 3), checked against the boundary value problem.

@@ -35,11 +35,15 @@ class Restartable(Protocol):
         """Go back to the start."""
 
 
-class Simulation(Restartable, Protocol):
-    """A simulation of four fingers that can be started again."""
+class Moving(Restartable, Protocol):
+    """What goes on in time."""
 
     def advance(self, seconds: float) -> None:
         """Go on."""
+
+
+class Simulation(Moving, Protocol):
+    """A simulation of four fingers that can be started again."""
 
     def tips_m(self) -> Array:
         """Return the tips now, shape (4, 3)."""
@@ -52,7 +56,7 @@ class Tried:
     setting: dict[str, Any]
     errors: TipErrors
     cpu_ms_per_s: float
-    simulation: Simulation
+    simulation: Moving
 
     def as_json(self) -> dict[str, object]:
         """Return what JSON can hold of it."""

@@ -88,9 +88,14 @@ def setups(draw):
 
 
 def assert_finite(value):
-    for name, part in dataclasses.asdict(value).items():
-        for numbers in part.values() if isinstance(part, dict) else [part]:
-            assert numbers is None or np.isfinite(numbers).all(), name
+    if dataclasses.is_dataclass(value):
+        for part in vars(value).values():
+            assert_finite(part)
+    elif isinstance(value, tuple):
+        for part in value:
+            assert_finite(part)
+    else:
+        assert value is None or np.isfinite(value).all()
 
 
 @settings(max_examples=250)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbpam_ros.actuator.chambers import pressurised_chambers
-from mbpam_ros.grasp.air_bend import LONGEST_GAP_S, AirBend
+from mbpam_ros.grasp.air_bend import LONGEST_ACCOUNT_S, LONGEST_GAP_S, AirBend
 from mbpam_ros.grasp.modes import load_modes
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.pneumatics.config import load_pneumatics
@@ -72,6 +72,14 @@ def test_openings_that_are_not_known_for_a_while_leave_the_bend_unknown(air, gap
     assert not air.known and np.isnan(air.bend_rad(np.full(16, 50e3), np.ones(16, dtype=bool))).all()
     air.begin(2.0, np.zeros(16))
     assert air.known
+
+
+def test_an_account_of_the_air_ends_before_its_errors_have_added_up(air):
+    air.begin(0.0, np.zeros(16))
+    for tick in range(1, 2 + int(LONGEST_ACCOUNT_S / 0.08)):
+        assert air.known
+        air.update(0.08 * tick, np.zeros(16))
+    assert not air.known
 
 
 def test_an_opening_that_is_no_number_leaves_the_bend_unknown(air):

@@ -167,6 +167,7 @@ def test_a_skew_rod_gets_the_mirror_whose_fingers_turn_it_toward_the_axis(select
         (seen("box", (0.035, 0.06, 0.12)), "box: too wide by 5.3 mm: 60.0 mm, 54.7 mm fit"),
         (seen("cylinder", (0.055, 0.055, 0.2)), "cylinder: too wide by 0.3 mm"),
         (seen("cylinder", (0.03, 0.03, 0.04)), "missed by the closing fingers: finger 1 by 5.4 mm, finger 3 by 5.4 mm"),
+        (seen(size_m=(0.01,) * 3), "too thin: 10.0 mm, fingers that touch it would stand"),
         (seen(position_m=(0.03, 0.03, 0.09)), "too far off the axis by 12 mm: 42 mm, at most 30 mm"),
         (seen(confidence=0.3), "confidence 0.30 is less than 0.5"),
         (seen(size_m=(0.05,) * 3, position_m=(0.0, 0.0, 0.15)), "too deep by 5 mm: at 150 mm"),

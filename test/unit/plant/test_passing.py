@@ -91,6 +91,32 @@ def test_fingers_in_the_air_beside_a_resting_object_move_by_the_same_bits_as_wit
     np.testing.assert_array_equal(alone.state().bend_rate_rad_s, beside.state().bend_rate_rad_s)
 
 
+@pytest.mark.parametrize("step_s", [2e-3, 1e-2])
+def test_what_muscles_are_known_to_be_clear_of_changes_no_bit(step_s):
+    """Once sought anew in every step: fingers close past each other and on a sphere, while another one falls by."""
+    falling = dataclasses.replace(SPHERE, position_m=np.array([0.085, 0.0, 0.05]), velocity_m_s=(0.0, 0.0, -0.3))
+    setup = TierSetup(
+        GRIPPER.geometry, GRIPPER.finger_base_m, GRAVITY_M_S2, SPHERE, STAND, CONFIG, True, others=(falling,)
+    )
+    known, sought = (build_tier(setup, Fidelity("rod", 3, step_s)) for _ in range(2))
+    inward = -0.02 * np.sign(GRIPPER.finger_base_m[:, :2])
+    cleared = 0
+    for tier in (known, sought):
+        tier.reset(HANGING)
+        for push in (HANGING, Actuation(inward, STIFFNESS)):
+            for _ in range(round(0.3 / step_s)):
+                tier.step(push, *still(1))
+                clear = tier._parts.work.spots.clear
+                cleared += bool(clear[0] > 0.0)
+                if tier is sought:
+                    clear[:] = 0.0
+    assert cleared > 10
+    assert known.state().finger_force_n.any()
+    for one, other in zip(known.state().bodies, sought.state().bodies, strict=True):
+        np.testing.assert_array_equal(one.position_m, other.position_m)
+    np.testing.assert_array_equal(known.state().centreline_m, sought.state().centreline_m)
+
+
 def test_a_finger_that_touches_leaves_the_others_their_bits():
     """Finger 1 presses on a heavy box, 3 swings outward: as if there were no box."""
     moments = np.array([[-0.03, -0.03], [0.0, 0.0], [-0.015, -0.012], [0.0, 0.0]])

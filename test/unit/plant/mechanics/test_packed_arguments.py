@@ -6,7 +6,6 @@ import numba
 import numpy as np
 import pytest
 from numba import njit
-from numba.core.errors import TypingError
 
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.mechanics.lanes import WIDTH
@@ -38,34 +37,43 @@ def outer(rows):
     return Outer(Inner(np.ones((rows, 2)), True), 3, np.arange(3), 0.5)
 
 
-write, read = access(outer(1), packed=True)
+SAMPLE = outer(1)
+read = access(SAMPLE, packed=True)
 
 
 @njit
-def bind(block, parts):
-    write(block, parts)
+def set_all(inner, value):
+    inner.matrix[:] = value
+    return inner.on
 
 
 @njit
 def fill(block):
     parts = read(block)
-    parts.inner.matrix[:] = parts.scale * parts.count * parts.row.sum()
-    return parts.inner.matrix.shape[0], parts.inner.on
+    on = set_all(parts.inner, parts.scale * parts.count * parts.row.sum())
+    return parts.inner.matrix.shape[0], on
 
 
 def test_changes_are_seen_on_both_sides():
     parts = outer(4)
-    block = new_block(parts, packed=True)
-    bind(block, parts)
+    block = new_block(parts, SAMPLE, packed=True)
     parts.row[2] = 7
     assert fill(block) == (4, True)
     np.testing.assert_array_equal(parts.inner.matrix, np.full((4, 2), 0.5 * 3 * 8))
 
 
-def test_an_array_of_another_layout_is_refused():
-    parts = outer(2)
-    with pytest.raises(TypingError):
-        bind(new_block(parts, packed=True), parts._replace(row=np.arange(6)[::2]))
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"row": np.arange(6)[::2]}, "not contiguous"),
+        ({"row": np.arange(3.0)}, "not of the types"),
+        ({"row": np.zeros((3, 1), np.int64)}, "not of the types"),
+        ({"count": 3.0}, "not of the types"),
+    ],
+)
+def test_parts_of_other_types_are_refused(change, message):
+    with pytest.raises(TypeError, match=message):
+        new_block(outer(2)._replace(**change), SAMPLE, packed=True)
 
 
 @pytest.mark.parametrize(
@@ -99,11 +107,7 @@ def muscle():
 
 def moved(packed):
     """What the same compiled code makes of a muscle when its tuple is packed, and when it is not."""
-    write, read = access(muscle(), packed)
-
-    @njit
-    def bind(block, parts):
-        write(block, parts)
+    read = access(muscle(), packed)
 
     @njit
     def move(block):
@@ -112,9 +116,7 @@ def moved(packed):
         masses_and_loads(muscle.rod, muscle.motion, (0.0, 0.0, 9.81), muscle.work, muscle.mass, muscle.load)
 
     parts = muscle()
-    block = new_block(parts, packed)
-    bind(block, parts)
-    move(block)
+    move(new_block(parts, muscle(), packed))
     return parts
 
 

@@ -9,8 +9,16 @@ import pytest
 
 from mbpam_ros.commands.mbpam import main
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.study.peers.mujoco_model import MujocoFreeBend, link_spans, model_xml, strained_lengths
-from mbpam_ros.study.peers.own import OwnFreeBend
+from mbpam_ros.study.peers.contact_accuracy import (
+    CALL_S,
+    mujoco_grasp_settings,
+    own_grasp_settings,
+    places_in_grasp,
+    try_grasps,
+)
+from mbpam_ros.study.peers.grasp import LIFT_M, Grasp
+from mbpam_ros.study.peers.mujoco_model import MujocoFreeBend, MujocoGrasp, link_spans, model_xml, strained_lengths
+from mbpam_ros.study.peers.own import OwnFreeBend, OwnGrasp
 from mbpam_ros.study.peers.problem import TipErrors, finger_problem, static_tips, tip_errors
 from mbpam_ros.study.peers.pyelastica_model import PyelasticaFreeBend, rod_elements
 from mbpam_ros.study.peers.search import AccuracyError, Tried, cheapest, compare, cpu_ms_per_s, cpu_ms_per_s_of_starts
@@ -159,3 +167,37 @@ def test_pyelastica_comes_to_rest_where_the_rod_does():
     peer = PyelasticaFreeBend(PROBLEM, 10, 0.0003)
     peer.advance(2.0)
     assert np.abs(peer.tips_m() - static_tips(PROBLEM)).max() < 0.005 * PROBLEM.geometry.length_m
+
+
+GRASP = Grasp(finger_problem(load_gripper(), 70e3, 0.02), radius_m=0.030, mass_kg=0.046, depth_m=0.085, friction=0.6)
+
+
+def test_a_grasp_is_judged_by_the_tips_and_the_sphere_against_the_simulators_own_converged_run():
+    reference_m = places_in_grasp(OwnGrasp(GRASP, 3, 0.0005))
+    assert reference_m.shape == (50, 5, 3)
+    assert GRASP.depth_m - reference_m[-1, 4, 2] == pytest.approx(LIFT_M, abs=0.005)  # it is held
+    settings = [{"modes": 3, "step_s": step} for step in (0.001, 0.01)] + [{"modes": 1, "step_s": 0.002}]
+    fine, coarse, stiff = try_grasps(
+        lambda **setting: OwnGrasp(GRASP, **setting), settings, reference_m, GRASP.problem.geometry.active_length_m
+    )
+    assert fine.errors.within(1.0, 1.0)
+    assert fine.errors.transient_pct < coarse.errors.transient_pct < stiff.errors.transient_pct
+    assert all(each.cpu_ms_per_s > 0.0 for each in (fine, coarse, stiff))
+
+
+def test_every_setting_of_a_grasp_that_is_tried_goes_into_a_call_a_whole_number_of_times():
+    pytest.importorskip("mujoco")
+    for setting in own_grasp_settings() + mujoco_grasp_settings():
+        assert CALL_S / setting["step_s"] == pytest.approx(round(CALL_S / setting["step_s"]))
+
+
+def test_both_simulators_grasp_the_same_sphere_with_the_same_fingers():
+    pytest.importorskip("mujoco")
+    ours, peer = OwnGrasp(GRASP, 3, 0.0005), MujocoGrasp(GRASP, 8, 0.0005, "implicitfast", "pyramidal", 1e-6)
+    start_m = ours.places_m()
+    np.testing.assert_allclose(peer.places_m(), start_m, atol=1e-6)
+    for each in (ours, peer):
+        each.advance(0.02)  # before they touch it
+    moved = np.linalg.norm(ours.places_m() - start_m, axis=1)
+    assert moved[:4].min() > 0.02 * LENGTH
+    assert np.linalg.norm(peer.places_m() - ours.places_m(), axis=1).max() < 0.01 * LENGTH
