@@ -24,7 +24,7 @@ from mbpam_ros.grasp.reach import Body, Reach
 from mbpam_ros.gripper import Gripper
 
 _LIKELY_HIDDEN_M = 0.05
-"""By how much a rod is likely to be longer at an end that is hidden and has no bound near by."""
+"""By how much a rod is likely to be longer than is seen where there is no bound near by."""
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ class ModeSelector:
         if target.shape == "box":
             return "mid_rod", "box, flat faces want all fingers in one plane"
         least, most = footprint.length_m / footprint.width_m, footprint.longest_m / footprint.width_m
-        likely_m = footprint.length_m + sum(min(0.5 * hidden, _LIKELY_HIDDEN_M) for hidden in footprint.hidden_m)
+        likely_m = footprint.length_m + min(0.5 * sum(footprint.hidden_m), _LIKELY_HIDDEN_M)
         threshold = self._config.slenderness_min
         if least == most:
             known = f"{least:.1f}"
