@@ -52,7 +52,7 @@ PARAMETERS = (
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: with the model iso6358 the air tells what is held"),
     Parameter("object_mass_kg", 0.0, "of the object to come, at most [kg]; 0: not known", 0.0, 10.0, changeable=True),
     Parameter("object_mass_class", "", "instead: light, medium or heavy; empty: not known", changeable=True),
-    Parameter("object_friction", 0.0, "its friction, at least; 0: as in the grasp file", 0.0, 2.0, changeable=True),
+    Parameter("object_friction", 0.0, "its friction [1], at least; 0: as in the grasp file", 0.0, 2.0, changeable=True),
     Parameter("pressure_sensor_node", "pressure_sensor", "name of the node that senses the pressures"),
     Parameter("valve_controller_node", "valve_controller", "name of the node that moves the valves"),
     Parameter("object_detector_node", "object_detector", "name of the node that sees the objects"),

@@ -28,7 +28,7 @@ RANGED = [
 CHANGEABLE = [
     (name, parameter) for name, (_, parameters) in NODES.items() for parameter in parameters if parameter.changeable
 ]
-UNITS = ("_hz", "_s", "_pa", "_m", "_rad", "_v")
+UNITS = ("_hz", "_s", "_pa", "_m", "_rad", "_v", "_kg")
 
 
 def labels(pairs):
@@ -64,7 +64,7 @@ def test_every_parameter_has_a_description_and_numbers_a_range_and_a_unit(graph,
             (bounds,) = ranges
             assert bounds.from_value <= parameter.default <= bounds.to_value
         if isinstance(parameter.default, float):
-            assert parameter.name.endswith(UNITS), parameter.name
+            assert parameter.name.endswith((*UNITS, "friction")), parameter.name  # a coefficient has none
             assert "[" in descriptor.description, parameter.name
 
 
@@ -124,6 +124,10 @@ def test_a_changeable_parameter_is_set_within_its_range_only(graph, name, parame
     if kind is bool:
         assert not change(graph, name, parameter.name, "much").successful
         assert change(graph, name, parameter.name, not parameter.default).successful
+        return
+    if kind is str:
+        assert not change(graph, name, parameter.name, 1.0).successful
+        assert change(graph, name, parameter.name, "light").successful
         return
     wrong = [kind(parameter.low - 1), kind(parameter.high + 1), "much"]
     if kind is float:

@@ -336,11 +336,11 @@ def test_gravity_from_the_side_pulls_the_fingers_there_and_a_vector_without_dire
         graph.spin_until(lambda refused=refused: plant.node.refused_inputs == refused + 1, "the refusal")
     assert plant.tip_x_m() == pytest.approx(load_gripper().finger_base_m[0, 0], abs=1e-6)
     gravity.publish(vector("gripper_base", (3.0, 0.0, 0.0)))
-    graph.spin_until(lambda: plant.tip_x_m() > load_gripper().finger_base_m[0, 0] + 0.02, "a finger that sags")
+    graph.spin_until(lambda: plant.tip_x_m() > load_gripper().finger_base_m[0, 0] + 0.015, "a finger that sags")
     assert plant.call("reset").success
     start_s = plant.time_s
     plant.run_until(start_s + 1.0)
-    assert plant.tip_x_m() > load_gripper().finger_base_m[0, 0] + 0.02
+    assert plant.tip_x_m() > load_gripper().finger_base_m[0, 0] + 0.015
 
 
 def test_the_camera_publishes_images_with_their_camera_info_at_its_own_rate(graph):

@@ -172,11 +172,14 @@ def test_after_kill_of_the_pressure_sensor_the_watchdog_reports_and_a_restart_re
     held_at_m = gripper.height_m["object"]
     gripper.kill("pressure_sensor")
     gripper.wait_for(lambda: gripper.health("valve_controller")[0] == DiagnosticStatus.ERROR, "the watchdog's report")
-    assert gripper.health("valve_controller")[1] == "16 of 16 channels at fault"
-    assert gripper.health("valve_controller")[2][CHANNEL_NAMES[0]] == "no fresh valid pressure"
+    assert gripper.health("valve_controller")[1].startswith(
+        "16 channels at fault: finger_1_chamber_1: no valid reading"
+    )
+    assert "no fresh valid pressure" in gripper.health("valve_controller")[2][CHANNEL_NAMES[0]]
     gripper.wait_for_phase("fault")
-    # Whichever comes first: the watchdog's report, or the arbiter's own look at the age of the pressures.
-    assert "at fault" in gripper.grasp["reason"] or "no valid pressure reading" in gripper.grasp["reason"]
+    # Whichever comes first: the watchdog's report, the sensor's silence, or the arbiter's look at the pressures.
+    reasons = ("no fresh valid pressure", "no sign of life", "no valid pressure reading")
+    assert any(reason in gripper.grasp["reason"] for reason in reasons), gripper.grasp["reason"]
     assert gripper.grasp["air"] == "hold"
 
     gripper.restart("pressure_sensor")
