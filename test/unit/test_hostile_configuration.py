@@ -17,6 +17,7 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.scene import load_objects, load_scene
 from mbpam_ros.plant.tiers.base import PlantConfig
 from mbpam_ros.pneumatics.config import load_pneumatics
+from mbpam_ros.study.silicone.known import load_silicones
 from mbpam_ros.vision.camera import Camera, load_camera_config
 from mbpam_ros.vision.detector import load_detector_config
 from mbpam_ros.vision.image_file import read_camera_info
@@ -32,6 +33,7 @@ LOADERS = {
     "plant.yaml": lambda path: load_config(PlantConfig, path),
     "pneumatics.yaml": load_pneumatics,
     "scenes/bulb.yaml": load_scene,
+    "silicones.yaml": load_silicones,
 }
 NO_LOADER = {"nodes.yaml"}  # ROS reads it
 

@@ -34,13 +34,13 @@ class _SiliconesFile:
     silicones: dict[str, KnownSilicone]
 
 
-def load_silicones() -> dict[str, KnownSilicone]:
-    """Return the silicones of the configuration by name.
+def load_silicones(name: str | Path = SILICONES_FILE) -> dict[str, KnownSilicone]:
+    """Return the silicones of a file by name.
 
     Raises:
         ConfigError: the file is missing or holds something else.
     """
-    return load_config(_SiliconesFile, SILICONES_FILE).silicones
+    return load_config(_SiliconesFile, name).silicones
 
 
 def yeoh_constants_of(name: str) -> Yeoh:
