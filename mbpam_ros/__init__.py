@@ -20,7 +20,7 @@ _PUBLIC = {
     "Gripper": "gripper",
     "MbpamError": "errors",
     "Observation": "plant.plant",
-    "Phase": "grasp.arbitration",
+    "Phase": "grasp.phases",
     "Plant": "plant.plant",
     "Scene": "plant.scene",
     "Simulation": "simulation",
