@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
-from mbpam_ros.actuator.design import MetamodelName, MuscleDesign, MuscleGeometry
+from mbpam_ros.actuator.design import MetamodelName, MuscleDesign, MuscleGeometry, uniform_geometry
 from mbpam_ros.actuator.named_designs import load_design
-from mbpam_ros.actuator.yielding_ends import uniform_geometry
 from mbpam_ros.configuration import ConfigError, load_yaml, parse_config, require_positive
 
 

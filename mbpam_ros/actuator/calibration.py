@@ -24,12 +24,12 @@ from scipy.optimize import newton
 
 from mbpam_ros.actuator.bending_law import PATTERNS
 from mbpam_ros.actuator.blocked_rod import RodLoad, blocked_path
-from mbpam_ros.actuator.design import INITIAL_DESIGN, MuscleDesign, MuscleGeometry
+from mbpam_ros.actuator.design import INITIAL_DESIGN, MuscleDesign, MuscleGeometry, uniform_geometry
 from mbpam_ros.actuator.metamodel import load_metamodel
 from mbpam_ros.actuator.planar_rod import AxisStretch, RodSolutionError, stiffness_for_tip_angle
 from mbpam_ros.actuator.rod_law import NOMINAL_PRESSURE_GAUGE_PA, PatternFactors, RodLaw
 from mbpam_ros.actuator.tip_force import TipForce
-from mbpam_ros.actuator.yielding_ends import finite_element_uniform_law, uniform_geometry
+from mbpam_ros.actuator.yielding_ends import finite_element_uniform_law
 
 # Paper, section 3.1: measured on the initial design.
 _MEASURED_PDC_DEG, _MEASURED_PDC_N = 151.0, 0.643
@@ -81,7 +81,7 @@ def calibration_targets(design: MuscleDesign, metamodel: str = "prs", target: st
 class Calibration:
     """What a design's muscle runs on: the law of the uniform rod that stands for it, and the force its blocked tip has.
 
-    The rod's geometry is :func:`~mbpam_ros.actuator.yielding_ends.uniform_geometry` of the muscle's.
+    The rod's geometry is :func:`~mbpam_ros.actuator.design.uniform_geometry` of the muscle's.
     """
 
     law: RodLaw

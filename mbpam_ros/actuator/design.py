@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -13,6 +13,9 @@ from mbpam_ros.errors import MbpamError
 
 MetamodelName = Literal["prs", "rbf", "krg", "rbf_gaussian", "krg_nugget"]
 """Keys of :data:`~mbpam_ros.actuator.metamodel.METAMODELS`."""
+
+YIELDING_SHARE = 0.3
+"""Of each end's length that goes to the active part of the rod that stands for a muscle."""
 
 SAME_DESIGN_SHARE = 1e-4
 """Share of a variable's range; designs that differ by no more than that in a and in b are the same design.
@@ -145,3 +148,16 @@ class MuscleGeometry:
     def length_m(self) -> float:
         """Length from clamp to tip [m]."""
         return self.active_length_m + 2.0 * self.end_length_m
+
+
+def uniform_geometry(geometry: MuscleGeometry) -> MuscleGeometry:
+    """Return the geometry of the uniform rod that stands for a muscle; it is as long, and as heavy.
+
+    Its law, and where the share comes from: :mod:`~mbpam_ros.actuator.yielding_ends`.
+    """
+    given = YIELDING_SHARE * geometry.end_length_m
+    return replace(
+        geometry,
+        active_length_m=geometry.active_length_m + 2.0 * given,
+        end_length_m=geometry.end_length_m - given,
+    )

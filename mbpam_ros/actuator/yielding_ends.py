@@ -36,33 +36,19 @@ curve of the law and shear, in 48 drawn states of pressure and posture without l
 from __future__ import annotations
 
 import functools
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.bending_law import stored_shear_modulus_pa
-from mbpam_ros.actuator.design import MuscleGeometry
+from mbpam_ros.actuator.design import MuscleGeometry, uniform_geometry
 from mbpam_ros.actuator.elastic_rod import RodSection, solid_end
 from mbpam_ros.actuator.end_law import EndLaw, PatternEnds, finite_element_end_law
 from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.actuator.rod_law import BendCurve, RodLaw, StrainLaw, finite_element_rod_law
 
 Array = NDArray[np.float64]
-
-YIELDING_SHARE = 0.3
-"""Of each end's length that goes to the active part."""
-
-
-def uniform_geometry(geometry: MuscleGeometry) -> MuscleGeometry:
-    """Return the geometry of the uniform rod that stands for a muscle; it is as long, and as heavy."""
-    given = YIELDING_SHARE * geometry.end_length_m
-    return replace(
-        geometry,
-        active_length_m=geometry.active_length_m + 2.0 * given,
-        end_length_m=geometry.end_length_m - given,
-    )
 
 
 def uniform_law(law: RodLaw, geometry: MuscleGeometry, end: RodSection, joints: EndLaw) -> RodLaw:

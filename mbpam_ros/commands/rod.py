@@ -22,13 +22,13 @@ from typing import Any
 
 from mbpam_ros.actuator.bending_law import stored_shear_modulus_pa
 from mbpam_ros.actuator.calibration import calibrated_rod_law
-from mbpam_ros.actuator.design import MuscleGeometry
+from mbpam_ros.actuator.design import MuscleGeometry, uniform_geometry
 from mbpam_ros.actuator.elastic_rod import BENDINGS, solid_end
 from mbpam_ros.actuator.end_law import finite_element_end_law
 from mbpam_ros.actuator.gas_volume import LAW_FILE
 from mbpam_ros.actuator.rod_law import finite_element_rod_law
 from mbpam_ros.actuator.strains import STRAINS, check_strains
-from mbpam_ros.actuator.yielding_ends import finite_element_uniform_law, uniform_geometry
+from mbpam_ros.actuator.yielding_ends import finite_element_uniform_law
 from mbpam_ros.commands.muscle_state import add_muscle_state, muscle_state
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import Gripper, load_gripper

@@ -4,6 +4,8 @@ import ast
 import builtins
 import functools
 import inspect
+import subprocess
+import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -160,3 +162,13 @@ def test_no_module_leads_back_to_itself(reach):
 def test_the_public_module_list_is_read_from_the_package_under_test():
     assert inspect.getfile(mbpam_ros) == str(PACKAGE / "__init__.py")
     assert len(MODULES) > 30
+
+
+@pytest.mark.parametrize(
+    "module", ["mbpam_ros.gripper", "mbpam_ros.pneumatics.valve_guard", "mbpam_ros.grasp.responses"]
+)
+def test_what_the_valve_controller_needs_loads_neither_the_compiler_nor_scipy(module):
+    """They would more than double the time until it can close a valve."""
+    code = f"import sys, {module}; print(*sorted({{'numba', 'scipy'}} & set(sys.modules)))"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert loaded.stdout.strip() == ""

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from mbpam_ros.actuator.design import MuscleGeometry
+from mbpam_ros.actuator.design import MuscleGeometry, uniform_geometry
 from mbpam_ros.actuator.strains import STRAINS
-from mbpam_ros.actuator.yielding_ends import finite_element_uniform_law, uniform_geometry
+from mbpam_ros.actuator.yielding_ends import finite_element_uniform_law
 from mbpam_ros.configuration import ConfigError, config_path
 from mbpam_ros.plant.fidelity import ModelError
 from mbpam_ros.study.muscle_states import RodModel, compared, read_states
