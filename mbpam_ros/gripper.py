@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.actuator.design import MetamodelName, MuscleDesign, MuscleGeometry, uniform_geometry
 from mbpam_ros.actuator.named_designs import load_design
 from mbpam_ros.configuration import ConfigError, load_yaml, parse_config, require_positive
+
+if TYPE_CHECKING:
+    from mbpam_ros.actuator.rod_law import RodLaw
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,16 @@ class Gripper:
     def rod_geometry(self) -> MuscleGeometry:
         """Geometry of the uniform rod that stands for a muscle; the one that the calibrated law belongs to."""
         return uniform_geometry(self.geometry)
+
+    def rod_law(self) -> RodLaw:
+        """Return the calibrated law of that rod.
+
+        Raises:
+            RodSolutionError: the design has no rod law.
+        """
+        from mbpam_ros.actuator.calibration import calibrated_rod_law  # a compiler, which most readers do without
+
+        return calibrated_rod_law(self.design, self.geometry, self.metamodel, self.target)
 
     @property
     def finger_base_m(self) -> NDArray[np.float64]:

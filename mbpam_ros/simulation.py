@@ -26,14 +26,14 @@ from mbpam_ros.grasp.arbitration import (
     Decision,
     GraspConfig,
     Phase,
+    build_arbiter,
     build_holding_watch,
-    build_selector,
     load_grasp_config,
 )
 from mbpam_ros.grasp.grip_pressure import NOTHING_EXPECTED, Expected
 from mbpam_ros.grasp.holding_watch import HoldingWatch
 from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
-from mbpam_ros.grasp.selection import DetectedObject, ModeSelector
+from mbpam_ros.grasp.selection import DetectedObject
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.plant.fidelity import Fidelity, FidelityRequest
 from mbpam_ros.plant.plant import Observation, build_plant
@@ -339,17 +339,16 @@ def _one_each(name: str, given: Value | Sequence[Value], count: int) -> list[Val
 def _arbiter(
     gripper: Gripper, grasp: GraspConfig, grip_pressure_gauge_pa: float | None, holding: HoldingWatch
 ) -> Arbiter:
-    arbitration, modes = grasp.arbitration, load_modes()
-    if grip_pressure_gauge_pa is not None:
-        grip = dataclasses.replace(
-            arbitration.grip_pressure_gauge_pa, **dict.fromkeys(MODE_NAMES, grip_pressure_gauge_pa)
+    if grip_pressure_gauge_pa is not None:  # of every mode, and of every object
+        pressures = dataclasses.replace(
+            grasp.arbitration.grip_pressure_gauge_pa, **dict.fromkeys(MODE_NAMES, grip_pressure_gauge_pa)
         )
-        arbitration = dataclasses.replace(arbitration, grip_pressure_gauge_pa=grip)
-        selector = ModeSelector(grasp.selection, gripper, modes)
-    else:
-        selector = build_selector(grasp, gripper, modes)
-    limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
+        grasp = dataclasses.replace(
+            grasp,
+            arbitration=dataclasses.replace(grasp.arbitration, grip_pressure_gauge_pa=pressures),
+            grip=dataclasses.replace(grasp.grip, table=None),
+        )
     try:
-        return Arbiter(arbitration, modes, selector, *limits, holding)
+        return build_arbiter(grasp, gripper, load_modes(), holding)
     except ValueError as error:
         raise ConfigError(str(error)) from error

@@ -34,6 +34,12 @@ BEND_NAMES: tuple[str, ...] = tuple(
 FINGER_NAMES: tuple[str, ...] = tuple(f"finger_{finger}" for finger in range(1, FINGER_COUNT + 1))
 
 
+def same_finger(channel: int) -> NDArray[np.bool_]:
+    """Return which channels, shape (16,), are of the finger of channel 0 to 15, itself too."""
+    of_finger: NDArray[np.bool_] = np.arange(CHANNEL_COUNT) // CHAMBERS_PER_FINGER == channel // CHAMBERS_PER_FINGER
+    return of_finger
+
+
 def pressurised_chambers(bend_azimuth_rad: float) -> NDArray[np.bool_]:
     """Return which chambers, shape (4,), bend a muscle toward ``bend_azimuth_rad``.
 

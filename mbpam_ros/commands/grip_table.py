@@ -21,7 +21,7 @@ from mbpam_ros.plant.fidelity import FidelityRequest
 from mbpam_ros.study.grasp import grip_table
 from mbpam_ros.study.grasp.empty_grasps import empty_rows
 from mbpam_ros.study.jobs import ResultFile, run_jobs
-from mbpam_ros.study.provenance import machine, sources_digest, versions
+from mbpam_ros.study.provenance import simulated_with
 from mbpam_ros.study.result_file import make_folder_of
 from mbpam_ros.terminal import Progress
 
@@ -43,9 +43,7 @@ def run(options: argparse.Namespace) -> int:
         "step_pa": grip_table.STEP_PA,
         "resolution_pa": grip_table.RESOLUTION_PA,
         "fidelity": repr(request),
-        "sources": sources_digest(),
-        "machine": machine(),
-        "versions": versions("numpy", "numba", "scipy"),
+        **simulated_with(),
     }
     gripper = load_gripper()
     jobs = grip_table.jobs(request, gripper)

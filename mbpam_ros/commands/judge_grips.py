@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from hashlib import sha256
 from pathlib import Path
 
 from mbpam_ros.commands.workers import add_workers, executor_for
@@ -24,7 +23,7 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import FidelityRequest
 from mbpam_ros.study.grasp import compare_grips
 from mbpam_ros.study.jobs import ResultFile, run_jobs
-from mbpam_ros.study.provenance import machine, sources_digest, versions
+from mbpam_ros.study.provenance import file_digest, simulated_with
 from mbpam_ros.study.result_file import make_folder_of
 from mbpam_ros.terminal import Progress
 
@@ -47,12 +46,10 @@ def run(options: argparse.Namespace) -> int:
     grasp = replace(grasp, grip=replace(grasp.grip, table=str(options.table)))
     request = FidelityRequest(tier=options.tier, sub_step_s=_SUB_STEP_S)
     settings = {
-        "sources": sources_digest(),
-        "table": sha256(config_path(options.table).read_bytes()).hexdigest()[:16],
+        **simulated_with(),
+        "table": file_digest(config_path(options.table)),
         "seed": options.seed,
         "fidelity": repr(request),
-        "machine": machine(),
-        "versions": versions("numpy", "numba", "scipy"),
     }
     make_folder_of(options.json)
     kept = ResultFile(options.json, settings, "grasps", lambda row: row["job"])

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from hashlib import sha256
 from pathlib import Path
 
 from mbpam_ros.commands.workers import add_workers, executor_for
@@ -27,7 +26,7 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import FidelityRequest
 from mbpam_ros.study.grasp import holding_trial, holding_verdict
 from mbpam_ros.study.jobs import ResultFile, run_jobs
-from mbpam_ros.study.provenance import machine, sources_digest, versions
+from mbpam_ros.study.provenance import file_digest, simulated_with
 from mbpam_ros.study.result_file import make_folder_of
 from mbpam_ros.terminal import Progress
 
@@ -58,13 +57,11 @@ def run(options: argparse.Namespace) -> int:
     config, gripper = load_grasp_config(), load_gripper()
     request = FidelityRequest(tier=options.tier, sub_step_s=_SUB_STEP_S)
     settings = {
-        "sources": sources_digest(),
-        "table": sha256(config_path(options.table).read_bytes()).hexdigest()[:16],
+        **simulated_with(),
+        "table": file_digest(config_path(options.table)),
         "seed": options.seed,
         "valve_sigma": options.valve_sigma,
         "fidelity": repr(request),
-        "machine": machine(),
-        "versions": versions("numpy", "numba", "scipy"),
     }
     make_folder_of(options.json)
     kept = ResultFile(options.json, settings, "grasps", lambda row: row["job"])

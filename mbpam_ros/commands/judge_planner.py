@@ -16,7 +16,6 @@ An interrupt (Ctrl-C) keeps what is finished; the same command goes on from ther
 from __future__ import annotations
 
 import argparse
-from hashlib import sha256
 from pathlib import Path
 
 from mbpam_ros.commands.workers import add_workers, executor_for
@@ -25,7 +24,7 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import TABLE, load_fidelity_table
 from mbpam_ros.study.fidelity import judgement
 from mbpam_ros.study.jobs import ResultFile, run_jobs
-from mbpam_ros.study.provenance import machine, sources_digest, versions
+from mbpam_ros.study.provenance import file_digest, simulated_with
 from mbpam_ros.study.result_file import make_folder_of
 from mbpam_ros.terminal import Progress
 
@@ -45,11 +44,9 @@ def run(options: argparse.Namespace) -> int:
     """Judge, and print the verdict."""
     table, gripper, progress = load_fidelity_table(options.table), load_gripper(), Progress()
     settings = {
-        "sources": sources_digest(),
-        "table": sha256(config_path(options.table).read_bytes()).hexdigest()[:16],
+        **simulated_with(),
+        "table": file_digest(config_path(options.table)),
         "seed": options.seed,
-        "machine": machine(),
-        "versions": versions("numpy", "numba", "scipy"),
     }
     make_folder_of(options.json)
     kept = ResultFile(options.json, settings, "judged", lambda row: row["job"])

@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 from mbpam_ros.actuator.bending_law import stored_shear_modulus_pa
-from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.design import MuscleGeometry, uniform_geometry
 from mbpam_ros.actuator.elastic_rod import BENDINGS, solid_end
 from mbpam_ros.actuator.end_law import finite_element_end_law
@@ -115,11 +114,7 @@ def run(options: argparse.Namespace) -> int:
 def _model(options: argparse.Namespace, ends: str, gripper: Gripper, muscle: MuscleGeometry) -> RodModel:
     file, is_calibrated = LAW_FILE if options.law == "config" else options.law, options.law == "calibrated"
     if ends == "uniform":
-        law = (
-            calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
-            if is_calibrated
-            else finite_element_uniform_law(muscle, file)
-        )
+        law = gripper.rod_law() if is_calibrated else finite_element_uniform_law(muscle, file)
         rod, over_m = uniform_geometry(muscle), muscle.active_length_m
         return RodModel(law, rod, options.strains, bending=options.bending, measured_by_m=over_m)
     if is_calibrated:

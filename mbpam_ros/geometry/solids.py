@@ -79,3 +79,15 @@ def distance_m(shape: Shape, size_m: Size, points_m: NDArray[np.float64]) -> NDA
     distance: NDArray[np.float64] = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
     distance += np.minimum(beyond.max(axis=1), 0.0)
     return distance
+
+
+def distance_from_m(
+    shape: Shape,
+    size_m: Size,
+    position_m: Size,
+    orientation_xyzw: Sequence[float] | NDArray[np.float64],
+    points_m: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return how far points (..., 3) are from the surface of a solid that lies so, shape (...); negative inside."""
+    local = (points_m - np.asarray(position_m)) @ rotation_matrix(orientation_xyzw)
+    return distance_m(shape, size_m, local.reshape(-1, 3)).reshape(points_m.shape[:-1])

@@ -20,7 +20,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FINGER_COUNT
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2, resting_bend
 from mbpam_ros.actuator.gas_volume import gas_volume_tables
@@ -53,7 +52,7 @@ class AirBend:
 
     def __init__(self, gripper: Gripper, chamber: ChamberConfig) -> None:
         self._twin, self._chamber = IsoChambers(chamber), chamber
-        self._law = calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
+        self._law = gripper.rod_law()
         self._geometry = gripper.rod_geometry
         self._time_s = self._begun_s = math.nan
         self._spool = np.zeros(CHANNEL_COUNT)

@@ -695,6 +695,21 @@ class Arbiter:
         self._time_s = max(self._time_s, time_s + self._clock_offset_s)
 
 
+def build_arbiter(
+    config: GraspConfig, gripper: Gripper, modes: Mapping[str, GraspMode], holding: HoldingWatch | None = None
+) -> Arbiter:
+    """Return the arbiter of a gripper by the grasp file.
+
+    Raises:
+        ConfigError: there is no such table of pressures.
+        RodSolutionError: the gripper's design has no rod law.
+        ValueError: a mode's grip pressure is above the gripper's limit.
+    """
+    selector = build_selector(config, gripper, modes)
+    limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
+    return Arbiter(config.arbitration, modes, selector, *limits, holding)
+
+
 def _chosen_by_camera(choice: GraspChoice) -> _Situation:
     return _Situation(
         Phase.CLOSING,

@@ -31,12 +31,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.chambers import pressurised_chambers
 from mbpam_ros.actuator.elastic_rod import HANGING, FreeRods
 from mbpam_ros.actuator.equilibrium import resting_bend
 from mbpam_ros.geometry.rotations import rotation_matrix
-from mbpam_ros.geometry.solids import Shape, distance_m, half_height
+from mbpam_ros.geometry.solids import Shape, distance_from_m, half_height
 from mbpam_ros.grasp.modes import GraspMode
 from mbpam_ros.gripper import Gripper
 
@@ -66,8 +65,7 @@ class Body(NamedTuple):
 
     def distance_m(self, points_m: Array) -> Array:
         """Return how far points (..., 3) are from its surface, shape (...); negative inside."""
-        local = (points_m - np.array(self.position_m)) @ rotation_matrix(self.orientation_xyzw)
-        return distance_m(self.shape, self.size_m, local.reshape(-1, 3)).reshape(points_m.shape[:-1])
+        return distance_from_m(*self, points_m)
 
 
 class Touch(NamedTuple):
@@ -121,13 +119,11 @@ class Reach:
     def obstacle(self, body: Body, mode: str, quarter_turns: int = 0, mirrored: bool = False) -> str | None:
         """Return why a mode so posed cannot hold an object where it lies, in figures, or None."""
         lines = self._finger_lines(mode, quarter_turns, mirrored)
-        return (
-            self._too_wide(body, lines)
-            or self._palm_or_table(body, lines)
-            or self._too_deep(body, lines)
-            or self._missed(body, lines)
-            or self._too_thin(body, lines)
-        )
+        in_the_way = self._too_wide(body, lines) or self._palm_or_table(body, lines)
+        if in_the_way is not None:
+            return in_the_way
+        found = self._touch(body, lines)
+        return self._too_deep(body, lines, found) or self._missed(found) or self._too_thin(body, found)
 
     def touch(self, body: Body, mode: str, quarter_turns: int = 0, mirrored: bool = False) -> Touch:
         """Return how the fingers of a mode so posed meet an object that stays where it is."""
@@ -219,8 +215,8 @@ class Reach:
             "between the straight fingers"
         )
 
-    def _too_deep(self, body: Body, lines: Array) -> str | None:
-        if self._lifts(self._touch(body, lines)):
+    def _too_deep(self, body: Body, lines: Array, found: Touch) -> str | None:
+        if self._lifts(found):
             return None
         shift_m = _least_shift(lambda up_m: self._holds(self._touch(body.shifted(0.0, 0.0, -up_m), lines)))
         if shift_m is None:
@@ -228,8 +224,7 @@ class Reach:
         depth_mm = 1e3 * body.position_m[2]
         return f"too deep by {1e3 * shift_m:.0f} mm: at {depth_mm:.0f} mm the fingers push it down or pass over it"
 
-    def _missed(self, body: Body, lines: Array) -> str | None:
-        found = self._touch(body, lines)
+    def _missed(self, found: Touch) -> str | None:
         if self._encloses(found):
             return None
         missing = ~found.touching
@@ -242,9 +237,8 @@ class Reach:
             f"{math.degrees(math.pi + self._friction_rad):.0f} deg may be open"
         )
 
-    def _too_thin(self, body: Body, lines: Array) -> str | None:
-        axis_m = self._touch(body, lines).axis_m
-        between_m = np.linalg.norm(axis_m - np.roll(axis_m, 1, axis=0), axis=1)
+    def _too_thin(self, body: Body, found: Touch) -> str | None:
+        between_m = np.linalg.norm(found.axis_m - np.roll(found.axis_m, 1, axis=0), axis=1)
         lacking_m = 2.0 * self._radius_m - float(between_m.min())
         if lacking_m <= 0.0:
             return None
@@ -268,7 +262,7 @@ class Reach:
 @functools.lru_cache(maxsize=8)
 def _hanging(gripper: Gripper, chambers: int, pressures: tuple[float, ...]) -> tuple[Array, Array]:
     """Lateral place and depth of a hanging finger's axis, each (pressures, points)."""
-    law = calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
+    law = gripper.rod_law()
     azimuth = math.pi / 4.0 if chambers == 1 else 0.0
     pressure = np.outer(pressures, pressurised_chambers(azimuth))
     moment, stiffness = law.moment_and_stiffness(pressure)

@@ -114,6 +114,11 @@ class DetectedObject:
         object.__setattr__(self, "orientation_xyzw", tuple(part / norm for part in self.orientation_xyzw))
 
     @property
+    def words(self) -> str:
+        """What it is and where, for people."""
+        return f"{self.label} at ({1e3 * self.position_m[0]:.0f}, {1e3 * self.position_m[1]:.0f}) mm"
+
+    @property
     def offset_m(self) -> float:
         """Horizontal distance of the centre from the palm's axis [m]."""
         return math.hypot(self.position_m[0], self.position_m[1])
@@ -250,8 +255,8 @@ class ModeSelector:
         )
         if len(targets) == 1:
             return nearest
-        others = [_words(choice.target) for choice in choices if choice is not nearest] + refused
-        among = f"{nearest.reason}; nearest of {len(targets)}, {_words(nearest.target)}; not: {'; '.join(others)}"
+        others = [choice.target.words for choice in choices if choice is not nearest] + refused
+        among = f"{nearest.reason}; nearest of {len(targets)}, {nearest.target.words}; not: {'; '.join(others)}"
         return replace(nearest, reason=among)
 
     def _grip_for(
@@ -313,11 +318,6 @@ def _lined_up(target: DetectedObject, wrist_rotation_rad: float) -> Body:
     depth_m = target.position_m[2]
     turned = product(about_z(-wrist_rotation_rad), target.orientation_xyzw)
     return Body(target.shape, target.size_m, (0.0, 0.0, depth_m), turned)
-
-
-def _words(target: DetectedObject) -> str:
-    x_mm, y_mm = 1e3 * target.position_m[0], 1e3 * target.position_m[1]
-    return f"{target.label} at ({x_mm:.0f}, {y_mm:.0f}) mm"
 
 
 def _footprint(target: DetectedObject) -> _Footprint:

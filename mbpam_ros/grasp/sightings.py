@@ -40,7 +40,7 @@ class Sightings:
         """Return what was there in the look before and is not in the newest, if that shows nothing at all."""
         if self.newest or not self._before or self.time_s - self._before_s > self._stale_s:
             return None
-        return f"{_place(self._before[0])} was seen {self.time_s - self._before_s:.1f} s before, and is not any more"
+        return f"{self._before[0].words} was seen {self.time_s - self._before_s:.1f} s before, and is not any more"
 
     def unrest(self, target: DetectedObject) -> str | None:
         """Return by how much an object of the newest look has moved since the look before, or None.
@@ -70,7 +70,3 @@ def _apart_m(one: DetectedObject, other: DetectedObject) -> float:
     """Level distance, less what is open in centres of objects seen in part. The depth is told less well."""
     open_m = 0.5 * max(*one.hidden_m, *other.hidden_m)
     return max(math.dist(one.position_m[:2], other.position_m[:2]) - open_m, 0.0)
-
-
-def _place(target: DetectedObject) -> str:
-    return f"{target.label} at ({1e3 * target.position_m[0]:.0f}, {1e3 * target.position_m[1]:.0f}) mm"

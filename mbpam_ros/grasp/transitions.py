@@ -15,7 +15,7 @@ import numpy as np
 
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT
 from mbpam_ros.answer import Answer
-from mbpam_ros.grasp.arbitration import Arbiter, Phase, build_selector, load_grasp_config
+from mbpam_ros.grasp.arbitration import Arbiter, Phase, build_arbiter, load_grasp_config
 from mbpam_ros.grasp.modes import load_modes
 from mbpam_ros.grasp.selection import DetectedObject
 from mbpam_ros.gripper import load_gripper
@@ -46,14 +46,7 @@ class _Bench:
     """An arbiter with a clock and pressures that follow its set-points at once."""
 
     def __init__(self) -> None:
-        config, gripper, modes = load_grasp_config(), load_gripper(), load_modes()
-        self.arbiter = Arbiter(
-            config.arbitration,
-            modes,
-            build_selector(config, gripper, modes),
-            gripper.pressure_limit_gauge_pa,
-            gripper.over_pressure_gauge_pa,
-        )
+        self.arbiter = build_arbiter(load_grasp_config(), load_gripper(), load_modes())
         self.time_s = 0.0
         self.observe(np.zeros(CHANNEL_COUNT))
 

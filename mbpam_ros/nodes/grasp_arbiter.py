@@ -20,11 +20,10 @@ from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.arbitration import (
-    Arbiter,
     Decision,
     Phase,
+    build_arbiter,
     build_holding_watch,
-    build_selector,
     load_grasp_config,
 )
 from mbpam_ros.grasp.confirmation import StopConfirmation
@@ -34,7 +33,7 @@ from mbpam_ros.grasp.selection import DetectedObject
 from mbpam_ros.grasp.watch import HealthWatch
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.answering import Reply
-from mbpam_ros.nodes.heartbeat import SILENCE_S, Instance
+from mbpam_ros.nodes.heartbeat import SILENCE_S, Instance, places
 from mbpam_ros.nodes.markers import BASE_FRAME, SHAPES, hidden_lengths
 from mbpam_ros.nodes.messages import MessageError, findings_in, joint_state, named_values, pose, pose_arrays, seconds
 from mbpam_ros.nodes.parameters import Parameter
@@ -79,12 +78,12 @@ class GraspArbiterNode(GripperNode):
         gripper = load_gripper(self.text("gripper"))
         config = load_grasp_config(self.text("grasp"))
         modes = load_modes(self.text("modes"))
-        selector = build_selector(config, gripper, modes)
         pneumatics = load_pneumatics(self.text("pneumatics"))
         holding = build_holding_watch(config, gripper, pneumatics, pneumatics.model)
-        limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
         try:
-            self._arbiter = Arbiter(config.arbitration, modes, selector, *limits, holding)
+            self._arbiter = build_arbiter(config, gripper, modes, holding)
+        except ConfigError:
+            raise
         except ValueError as error:
             raise ConfigError(f"{self.value('grasp')}: {error}") from error
         prefix = self.get_namespace().rstrip("/")
@@ -166,17 +165,16 @@ class GraspArbiterNode(GripperNode):
 
     def rivals_changed(self) -> None:
         """Take another arbiter beside this one for a fault; neither knows what the other has asked for."""
-        rivals = ", ".join(rival.words for rival in self.rivals)
-        message = f"another {self.get_fully_qualified_name()} runs: {rivals}; end one of them"
-        self._arbiter.observe_health(self.now_s(), "grasp_arbiter", not rivals, message)
+        message = f"another {self.get_fully_qualified_name()} runs: {places(self.rivals)}; end one of them"
+        self._arbiter.observe_health(self.now_s(), "grasp_arbiter", not self.rivals, message)
 
     def _on_life(self, source: str, alive: tuple[Instance, ...]) -> None:
         """Take notice of how many nodes of a name live."""
         if len(alive) == 1:
             self._watch.find_right(source)
         elif alive:
-            where = ", ".join(each.words for each in alive)
-            self._watch.find_wrong(self.now_s(), source, f"{len(alive)} of this name run: {where}; end one of them")
+            message = f"{len(alive)} of this name run: {places(alive)}; end one of them"
+            self._watch.find_wrong(self.now_s(), source, message)
         else:
             self._watch.find_wrong(self.now_s(), source, f"no sign of life for {SILENCE_S:g} s")
         self._tick()

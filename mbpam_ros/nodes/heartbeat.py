@@ -14,6 +14,7 @@ import functools
 import os
 import secrets
 import socket
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 PERIOD_S = 0.05
@@ -29,13 +30,13 @@ LONGEST_LOOK_S = 0.06
 is no silence of others, whose signs wait to be taken."""
 
 
+HELD_UP_S = 0.03
+"""By less a process is held up all the time."""
+
+
 def alive_topic(node_name: str) -> str:
     """Return the topic, relative to the namespace, on which a node says that it lives."""
     return f"{node_name}/alive"
-
-
-HELD_UP_S = 0.03
-"""By less a process is held up all the time."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,11 @@ class Instance:
     def words(self) -> str:
         """Where to find it, for people."""
         return f"process {self.process} on {self.host}"
+
+
+def places(instances: Iterable[Instance]) -> str:
+    """Return where to find some runs, for people."""
+    return ", ".join(each.words for each in instances)
 
 
 class SignsOfLife:

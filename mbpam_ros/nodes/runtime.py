@@ -37,7 +37,7 @@ from mbpam_ros.nodes.answering import AnsweringService, Reply
 from mbpam_ros.nodes.command_line import answer, node_name, rules_of_node
 from mbpam_ros.nodes.compiling import STOP_SIGNALS, compilation_announced, stop_signals_end_the_process
 from mbpam_ros.nodes.exit_timer import exits_after
-from mbpam_ros.nodes.heartbeat import LIFE_LOOK_S, PERIOD_S, Instance, SignsOfLife, alive_topic
+from mbpam_ros.nodes.heartbeat import LIFE_LOOK_S, PERIOD_S, Instance, SignsOfLife, alive_topic, places
 from mbpam_ros.nodes.lateness import Lateness
 from mbpam_ros.nodes.messages import time_stamp
 from mbpam_ros.nodes.parameters import Parameter, declare_parameters
@@ -129,7 +129,6 @@ class GripperNode(Node):
         self._judged: Hashable = None
         self._warn_again_at: dict[str, float] = {}
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._lateness = Lateness(PERIOD_S, LATENESS_MEMORY_S)
         self._answering_services: list[AnsweringService] = []
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self.publish_health)
@@ -204,7 +203,9 @@ class GripperNode(Node):
 
     def late_s(self) -> float:
         """Return for how long this process was held up within the last second [s]; 0 for less than is worth a word."""
-        worst_s = self._lateness.worst_s(time.monotonic())
+        if self.value("use_sim_time"):  # simulated time waits for the computer
+            return 0.0
+        worst_s = self._beats.worst_s(time.monotonic())
         return worst_s if worst_s > LATE_S else 0.0
 
     def signs_of(self, node_name: str) -> SignsOfLife:
@@ -247,8 +248,6 @@ class GripperNode(Node):
         """Give a sign of life, look for another node of this name, and send what answers wait."""
         now_s = time.monotonic()
         self._beats.call(now_s)
-        if not self.value("use_sim_time"):  # simulated time waits for the computer
-            self._lateness.call(now_s)
         self._sign_of_life.stamp = self.now_stamp()
         self._alive.publish(self._sign_of_life)
         alive = self._same_name.look(now_s, self._beats.worst_s(now_s))
@@ -320,8 +319,7 @@ class GripperNode(Node):
         health = self.health()
         if not self.rivals:
             return health
-        where = ", ".join(rival.words for rival in self.rivals)
-        twice = f"another node {self.get_fully_qualified_name()} runs: {where}; end one of them"
+        twice = f"another node {self.get_fully_qualified_name()} runs: {places(self.rivals)}; end one of them"
         return Health(DiagnosticStatus.ERROR, twice, health.values)
 
 

@@ -17,7 +17,7 @@ from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.responses import goes_on
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.nodes.heartbeat import Instance
+from mbpam_ros.nodes.heartbeat import Instance, places
 from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.publishers import rival_publishers
@@ -108,8 +108,8 @@ class ValveControllerNode(GripperNode):
 
     def rivals_changed(self) -> None:
         """Move no air while another valve controller commands the same valves."""
-        rivals = ", ".join(rival.words for rival in self.rivals)
-        self._contest("name", f"another {self.get_fully_qualified_name()} runs: {rivals}" if rivals else None)
+        rivals = f"another {self.get_fully_qualified_name()} runs: {places(self.rivals)}" if self.rivals else None
+        self._contest("name", rivals)
 
     def _on_arbiters(self, alive: tuple[Instance, ...]) -> None:
         """Take notice of how many arbiters live."""
@@ -118,8 +118,7 @@ class ValveControllerNode(GripperNode):
         else:
             self._switch.lose_arbiter()
         name = self.text("grasp_arbiter_node")
-        where = ", ".join(each.words for each in alive)
-        self._contest("arbiters", f"{len(alive)} nodes {name} run: {where}" if len(alive) > 1 else None)
+        self._contest("arbiters", f"{len(alive)} nodes {name} run: {places(alive)}" if len(alive) > 1 else None)
 
     def _look_at_publishers(self) -> None:
         found = rival_publishers(self, SOLE_PUBLISHER_TOPICS)

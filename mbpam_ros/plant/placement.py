@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.geometry.rotations import rotation_matrix
-from mbpam_ros.geometry.solids import distance_m, half_height, surface_points_m
+from mbpam_ros.geometry.solids import distance_from_m, half_height, surface_points_m
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.scene import PlacedObject, Scene
 from mbpam_ros.plant.tiers.base import PlantConfig, RigidBody, TierSetup
@@ -106,7 +106,7 @@ def _called(scene: Scene, placed: PlacedObject) -> str:
 
 def _beside(body: RigidBody, half_x_m: float, half_y_m: float) -> bool:
     """Whether no point of an object is over a footprint."""
-    points = surface_points_m(body.shape, body.size_m) @ rotation_matrix(body.orientation_xyzw).T + body.position_m
+    points = _surface_m(body)
     low, high = points.min(axis=0), points.max(axis=0)
     return bool(low[0] > half_x_m or high[0] < -half_x_m or low[1] > half_y_m or high[1] < -half_y_m)
 
@@ -134,9 +134,15 @@ def _refuse_inside_each_other(scene: Scene, bodies: Sequence[RigidBody]) -> None
 
 def _lowest_distance_m(solid: RigidBody, other: RigidBody) -> float:
     """Return the smallest distance of the other's surface from a solid, sought point by point; negative inside."""
-    points = surface_points_m(other.shape, other.size_m) @ rotation_matrix(other.orientation_xyzw).T
-    own = (points + other.position_m - solid.position_m) @ rotation_matrix(solid.orientation_xyzw)
-    return float(distance_m(solid.shape, solid.size_m, own).min())
+    return float(_distance_m(solid, _surface_m(other)).min())
+
+
+def _distance_m(body: RigidBody, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    return distance_from_m(body.shape, body.size_m, body.position_m, body.orientation_xyzw, points_m)
+
+
+def _surface_m(body: RigidBody) -> NDArray[np.float64]:
+    return surface_points_m(body.shape, body.size_m) @ rotation_matrix(body.orientation_xyzw).T + body.position_m
 
 
 def _finger_clearance_m(
@@ -146,11 +152,10 @@ def _finger_clearance_m(
 
     A finger is its axis swept by a ball of its radius, up to its rounded tip; sought every millimetre along it.
     """
-    rotation = rotation_matrix(body.orientation_xyzw)
     end_m = geometry.length_m - geometry.outer_radius_m
     along = np.linspace(0.0, end_m, 1 + round(end_m / _SPACING_M))
     clearance = np.empty(len(finger_base_m))
     for finger, base in enumerate(finger_base_m):
-        points = (base + along[:, None] * [0.0, 0.0, 1.0] - body.position_m) @ rotation
-        clearance[finger] = distance_m(body.shape, body.size_m, points).min() - geometry.outer_radius_m
+        points = base + along[:, None] * [0.0, 0.0, 1.0]
+        clearance[finger] = _distance_m(body, points).min() - geometry.outer_radius_m
     return clearance

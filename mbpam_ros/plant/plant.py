@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FINGER_COUNT
 from mbpam_ros.actuator.rod_law import RodLaw
 from mbpam_ros.answer import Answer
@@ -128,7 +127,7 @@ def build_plant(
         fidelity = choose_fidelity(scene, fidelity, gripper.geometry.length_m)
     return Plant(
         tier=build_tier(placed(scene, gripper, config, fidelity.contact), fidelity),
-        law=calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target),
+        law=gripper.rod_law(),
         chambers=build_pneumatics(fidelity.pneumatics or pneumatics.model, pneumatics.chamber),
         pneumatics=pneumatics,
         lift=HandLift(scene.lift),

@@ -38,7 +38,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, CHANNEL_NAMES
+from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, CHANNEL_NAMES, same_finger
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.pneumatics.findings import SUPPLY, Fault, Finding
 from mbpam_ros.pneumatics.transducer import TransducerConfig
@@ -347,10 +347,8 @@ class Observer:
         self._fills[-1] = 0.0
         if not (low.any() or high.any()):
             return _ZEROS, _ZEROS
-        slowest, fastest = config.slowest_ratio / valve.time_constant_s, config.fastest_ratio / valve.time_constant_s
-        drop = valve.supply_gauge_pa - last
-        fill_most = fastest * np.maximum(drop, valve.least_drop_pa)
-        vent_most = fastest * np.maximum(last, valve.least_drop_pa)
+        slowest, drop = config.slowest_ratio / valve.time_constant_s, valve.supply_gauge_pa - last
+        fill_most, vent_most = self._fastest_pa_s(last)
         margin = config.move_threshold_pa
         supplied = self._supplied
         fill_least = slowest * np.maximum(drop - margin, 0.0) if supplied else _ZEROS
@@ -363,6 +361,13 @@ class Observer:
         elif filling.any():
             self._learn(filling, low * np.maximum(drop, 0.0) / valve.time_constant_s * course.dt_s, course.moved)
         return most, least
+
+    def _fastest_pa_s(self, last: Vector) -> tuple[Vector, Vector]:
+        """Return how fast the fastest sound valve fills and vents when fully open, shape (16,) each."""
+        valve = self._valve
+        fastest = self._config.fastest_ratio / valve.time_constant_s
+        fill = fastest * np.maximum(valve.supply_gauge_pa - last, valve.least_drop_pa)
+        return fill, fastest * np.maximum(last, valve.least_drop_pa)
 
     def _learn(self, filling: Mask, fill_pa: Vector, moved: Vector) -> None:
         """Compare what valves filled with what they should have, over a whole grasp."""
@@ -423,12 +428,9 @@ class Observer:
                 self._judge_look(channel)
 
     def _judge_jumps(self, course: _Course) -> None:
-        valve = self._valve
-        fastest = self._config.fastest_ratio / valve.time_constant_s * course.dt_s
+        fill_pa_s, vent_pa_s = self._fastest_pa_s(course.last)
         beyond = self._config.jump_threshold_pa + self._margin_pa
-        fill = fastest * np.maximum(valve.supply_gauge_pa - course.last, valve.least_drop_pa)
-        vent = fastest * np.maximum(course.last, valve.least_drop_pa)
-        jumped = (course.moved > fill + beyond) | (-course.moved > vent + beyond)
+        jumped = (course.moved > fill_pa_s * course.dt_s + beyond) | (-course.moved > vent_pa_s * course.dt_s + beyond)
         self._name_jumps(np.flatnonzero(jumped & course.valid & ~self._known), course.moved)
 
     @property
@@ -480,8 +482,7 @@ class Observer:
         least = self._config.slowest_ratio * self._fills.sum(axis=0)
         still = (least > 2000.0) & (risen < 0.2 * least)
         still[channel] = False
-        finger = np.arange(CHANNEL_COUNT) // CHAMBERS_PER_FINGER == channel // CHAMBERS_PER_FINGER
-        others = np.flatnonzero(still & finger)
+        others = np.flatnonzero(still & same_finger(channel))
         return int(others[0]) if others.size > 0 else None
 
     def _suspect_fall(self, channel: int, low: Vector, high: Vector) -> None:

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT
+from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, same_finger
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.pneumatics.findings import Fault
 from mbpam_ros.pneumatics.observer import AssumedValve, Observer
@@ -147,8 +147,7 @@ class Prober:
         answers = quiet & (share > 0.5)
         for channel in np.flatnonzero(failed):
             here = int(channel)
-            near = np.arange(CHANNEL_COUNT) // CHAMBERS_PER_FINGER == here // CHAMBERS_PER_FINGER
-            others = np.flatnonzero(answers & near)
+            others = np.flatnonzero(answers & same_finger(here))
             if others.size == 1:
                 pair = (min(here, int(others[0])), max(here, int(others[0])))
                 self._observer.find(Fault.SWAPPED, pair, "with each other: one answers to the other's test pulse", 0.99)

@@ -32,6 +32,20 @@ def versions(*packages: str) -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}
 
 
+def simulated_with() -> dict[str, object]:
+    """Return what figures of the simulated gripper depend on, timings included: sources, machine and libraries."""
+    return {
+        "sources": sources_digest(),
+        "machine": machine(),
+        "versions": versions("numpy", "numba", "scipy"),
+    }
+
+
+def file_digest(path: Path) -> str:
+    """Return a number for a file's content."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
 def sources_digest() -> str:
     """Return a number for the package's sources and configuration files: results of others are not taken over."""
     digest = hashlib.sha256()

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.chambers import pressurised_chambers
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.configuration import load_config
@@ -184,7 +183,7 @@ def _close(muscles: Tier, step_s: float, holding_s: float, gripper: Gripper) -> 
 
 
 def _inward(pressure_gauge_pa: float, gripper: Gripper) -> Actuation:
-    law = calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
+    law = gripper.rod_law()
     inward = np.arctan2(-gripper.finger_base_m[:, 1], -gripper.finger_base_m[:, 0])
     chambers = np.array([pressurised_chambers(azimuth) for azimuth in inward], dtype=float)
     return Actuation(*law.moment_and_stiffness(pressure_gauge_pa * chambers))

@@ -70,10 +70,7 @@ def features(hypothesis: Hypothesis) -> dict[str, float]:
     figures = hypothesis.figures
     misfit, contour, coverage = min(figures["misfit_px2"], 9.0), min(figures["contour_px"], 6.0), figures["coverage"]
     good, fills = math.exp(-misfit) * coverage, max(figures["overlap"] - 0.7, 0.0) / 0.3
-    size_sigma, width_sigma = (
-        _bounded(math.log(max(figures[name], 1e-5) / _TYPICAL_SIGMA_M), 3.0)
-        for name in ("size_sigma_m", "width_sigma_m")
-    )
+    size_sigma, width_sigma = _sigma_log(figures["size_sigma_m"]), _sigma_log(figures["width_sigma_m"])
     misfit_lead = _bounded(figures["misfit_px2_lead"], 4.0) / 2.0
     shading_lead = _bounded(figures["shading_lead"], 0.6) * 3.0
     no_creases, height_m = 1.0 - figures["crease_coverage"], figures["height_m"]

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 
-from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, FINGER_COUNT
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
@@ -67,7 +66,7 @@ def boundary_value_error_pct(case: Case, found: Record, gripper: Gripper) -> flo
         case: one without an object.
         found: a run of it.
     """
-    law = calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
+    law = gripper.rod_law()
     rest = round(case.rest_s[0] / TICK_S)
     pressure = found.pressure_gauge_pa[rest].reshape(FINGER_COUNT, CHAMBERS_PER_FINGER)
     exact = [

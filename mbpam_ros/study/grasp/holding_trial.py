@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.actuator.chambers import CHANNEL_COUNT
 from mbpam_ros.grasp.air_bend import AirBend
 from mbpam_ros.grasp.arbitration import GraspConfig, Phase
 from mbpam_ros.grasp.empty_hand import EmptyHand
@@ -26,7 +27,8 @@ from mbpam_ros.plant.plant import Observation
 from mbpam_ros.plant.scene import Scene
 from mbpam_ros.plant.tiers.base import PlantDivergedError
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
-from mbpam_ros.simulation import Simulation
+from mbpam_ros.pneumatics.iso6358 import AMBIENT_PA
+from mbpam_ros.simulation import TICK_S, Simulation
 from mbpam_ros.study.grasp.drawn_grasps import drawn_grasp
 from mbpam_ros.study.grasp.trial import HELD_SHARE
 from mbpam_ros.vision.camera import camera_intrinsics, camera_pose, load_camera_config
@@ -89,7 +91,7 @@ def felt_row(
         seed=int(rng.integers(2**31)),
         real_pneumatics=_erring(assumed, rng),
     )
-    simulation.gain = 1.0 + valve_sigma * rng.standard_normal(16)
+    simulation.gain = 1.0 + valve_sigma * rng.standard_normal(CHANNEL_COUNT)
     eye = _Eye(drawn.scene, gripper, rng)
     simulation.run(_REST_S)
     before = _FeltSimulation(drawn.scene, request, gripper).seen if case == "taken away" else simulation.seen
@@ -109,7 +111,7 @@ def felt_row(
         simulation.watch = watch
         simulation.run_until(lambda: simulation.decision.phase is not Phase.CLOSING)
         simulation.lift()
-        seen = simulation.run(round((drawn.scene.lift.duration_s + _STAY_S) / 0.01) * 0.01)
+        seen = simulation.run(round((drawn.scene.lift.duration_s + _STAY_S) / TICK_S) * TICK_S)
     except PlantDivergedError as error:
         return row | {"held": None, "note": str(error)}
     shortfall_deg = watch.shortfall_deg(simulation.pressure_gauge_pa)
@@ -124,7 +126,7 @@ def felt_row(
 def _erring(assumed: PneumaticsConfig, rng: np.random.Generator) -> PneumaticsConfig:
     chamber, iso = assumed.chamber, assumed.chamber.iso6358
     supply, line = SUPPLY_SIGMA * rng.standard_normal(), LINE_SIGMA * rng.standard_normal()
-    supply_pa = chamber.supply_gauge_pa + supply * (chamber.supply_gauge_pa + 101325.0)
+    supply_pa = chamber.supply_gauge_pa + supply * (chamber.supply_gauge_pa + AMBIENT_PA)
     iso = replace(iso, line_volume_m3=iso.line_volume_m3 * (1.0 + line))
     return replace(assumed, chamber=replace(chamber, supply_gauge_pa=supply_pa, iso6358=iso))
 

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mbpam_ros.actuator.calibration import calibrated_rod_law
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.elastic_rod import HANGING, RodLoads, RodSection, rod_at_rest
 from mbpam_ros.errors import MbpamError
@@ -96,7 +95,7 @@ def finger_problem(
     Raises:
         StrainLawError: all strains are asked for, and the law says nothing of stretch and twist.
     """
-    law = calibrated_rod_law(gripper.design, gripper.geometry, gripper.metamodel, gripper.target)
+    law = gripper.rod_law()
     moment, stiffness = law.of_pattern("pdc", pressure_gauge_pa)
     strains = None
     if all_strains:
