@@ -116,6 +116,8 @@ class NodeOptions(TypedDict, total=False):
 class GripperNode(Node):
     """A node with declared parameters, a 1 Hz health report, and counted, throttled warnings about bad input."""
 
+    _destroyed = False
+
     def __init__(self, name: str, parameters: Sequence[Parameter], **node_options: Unpack[NodeOptions]) -> None:
         super().__init__(name, **node_options)
         try:
@@ -177,10 +179,16 @@ class GripperNode(Node):
         """
 
         def call() -> None:
-            callback()
+            if not self._destroyed:  # the executor may have found it due before
+                callback()
 
         vars(call)["__signature__"] = inspect.signature(call)
         return super().create_timer(period_s, call, callback_group, clock)
+
+    def destroy_node(self) -> None:
+        """Leave the graph; timers that are due already do nothing more."""
+        self._destroyed = True
+        super().destroy_node()
 
     def now_s(self) -> float:
         """Return the node's time [s], for how old something is.
