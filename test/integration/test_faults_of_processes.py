@@ -12,8 +12,6 @@ from std_srvs.srv import SetBool, Trigger
 from mbpam_ros.commands.system import NodeProcesses
 from mbpam_ros.nodes.runtime import LATCHED
 
-pytestmark = pytest.mark.system
-
 ENDS = ("plant", "pressure_sensor", "valve_controller", "grasp_arbiter")
 """The nodes that a grasp needs."""
 

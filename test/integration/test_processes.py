@@ -37,7 +37,7 @@ def test_every_executable_reports_its_health_and_a_signal_ends_it_with_code_0(st
     gripper = start()
     gripper.enable()
     gripper.ask("grasp/envelope")  # so that the signal meets work in every node
-    for process, stop_signal in zip(gripper.processes.processes.values(), itertools.cycle(STOP_SIGNALS)):
+    for process, stop_signal in zip(gripper.processes.processes.values(), itertools.cycle(STOP_SIGNALS), strict=False):
         process.send_signal(stop_signal)
     assert gripper.processes.stop() == dict.fromkeys(NODES, 0)
     for executable in NODES:
@@ -55,7 +55,6 @@ def test_bringup_runs_all_six_nodes_and_a_signal_ends_it_with_code_0(start, stop
     assert "Traceback" not in log and "FATAL" not in log, log
 
 
-@pytest.mark.system
 def test_hostile_images_hold_up_no_valve_and_lose_no_grasp(start):
     """In one process with the valves; the gap itself is measured by ``mbpam bench``."""
     gripper = start(["bringup"], arguments={"bringup": ["-p", "object_detector:max_rate_hz:=20.0"]}, nodes=NODES)
