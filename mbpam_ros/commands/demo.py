@@ -23,6 +23,7 @@ from sensor_msgs.msg import CompressedImage, JointState
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
+from mbpam_ros.commands.result_arguments import result_file, result_folder
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.nodes.interface import NODES
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
@@ -339,8 +340,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--objects", nargs="+", default=[ALL], metavar="NAME", help="scenes or their files, or: all (default: all)"
     )
     parser.add_argument("--tier", choices=("arc", "rod"), default="rod", help="how muscles are computed (default: rod)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the table as JSON")
-    parser.add_argument("--report", type=Path, default=Path("report"), metavar="DIR", help="pictures and logs go here")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="write the table as JSON")
+    parser.add_argument(
+        "--report", type=result_folder, default=Path("report"), metavar="DIR", help="pictures and logs go here"
+    )
 
 
 def run(options: argparse.Namespace) -> int:

@@ -109,7 +109,7 @@ def test_the_table_has_the_papers_result_beside_the_own(grasps, capsys):
 
 
 def test_the_json_is_a_list_of_the_grasps(grasps, tmp_path):
-    file = tmp_path / "new" / "objects.json"
+    file = tmp_path / "objects.json"
     main(["demo", "--objects", "bulb", "carton", "--json", str(file)])
     rows = json.loads(file.read_text())
     assert [row["object"] for row in rows] == ["bulb", "carton"]
