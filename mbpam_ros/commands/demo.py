@@ -87,12 +87,12 @@ class Watcher:
     @property
     def rise_m(self) -> float:
         """True rise of the object since :meth:`set_start` [m]."""
-        return self._object_start_z_m - self.object_z_m
+        return self.object_z_m - self._object_start_z_m
 
     @property
     def palm_rise_m(self) -> float:
         """True rise of the palm since :meth:`set_start` [m]."""
-        return self._palm_start_z_m - self.palm_z_m
+        return self.palm_z_m - self._palm_start_z_m
 
     @property
     def greatest_pressure_pa(self) -> float:

@@ -37,6 +37,7 @@ VERBS = (
     Verb("optimise", "the designs that bend furthest and press hardest, and a compromise", "optimise", resumes=True),
     Verb("detect", "the objects in an image file: shape, size and place", "detect"),
     Verb("judge-detector", "how well objects are detected, on images drawn by MuJoCo and our own", "judge_detector"),
+    Verb("urdf", "the gripper as a URDF, with meshes if asked for", "urdf"),
     Verb("compile", "compile all kernels ahead, so that no node does it when it starts", "compile"),
     Verb("bench", "CPU and latency of the running nodes, beside their budgets", "bench"),
     Verb("soak", "the gripper under random use, faults and repairs for a long time: what leaks, what is late", "soak"),
