@@ -118,7 +118,7 @@ def test_the_json_is_a_list_of_the_grasps(grasps, tmp_path):
 
 def test_the_watcher_tells_the_slowest_pace_of_the_plant_in_the_grasp():
     operator = FakeOperator()
-    watcher = Watcher(operator)
+    watcher = Watcher(operator.node)
     operator.publish_values("grasp_state", phase="idle")
     operator.publish_values("/diagnostics", real_time_factor="0.30")  # starting
     assert watcher.pace == "the plant has not told its pace"
