@@ -1,5 +1,6 @@
 """Six node processes on loopback grasp, lift and release the paper's objects, and the result is shown.
 
+Where the extra "record" is installed, each grasp is recorded in its folder, as by mbpam record.
 Exit status 0 only if every stage happened for every object and each object rose with the hand.
 """
 
@@ -9,7 +10,8 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,19 +22,25 @@ from domain_coordinator import domain_id
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
+from mbpam_ros.commands.recorder import Recorder
 from mbpam_ros.commands.result_arguments import result_file, result_folder
 from mbpam_ros.commands.watcher import Watcher
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.nodes.interface import NODES
+from mbpam_ros.nodes.message_definitions import definition
 from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
 from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S
 from mbpam_ros.study.grasp_report import draw_report
 from mbpam_ros.study.pictures import PictureError, require_matplotlib
+from mbpam_ros.study.recordings import RecordingWriter
 from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import Progress, table
 
 ALL = "all"
 """What stands for the paper's five objects on the command progress."""
+
+RAW_IMAGES = ("camera/image_raw", "camera/depth/image_raw")
+RECORDING_BYTES = 10**9
 
 PATIENCE_S = 10.0
 RETRY_S = 0.25
@@ -74,7 +82,8 @@ def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress) 
     with NodeProcesses(report / scene.name, arguments) as processes:
         operator = Operator("operator", idle=processes.check)
         try:
-            result = _stages(scene, operator, report, progress)
+            with _recorded(operator, report / scene.name / "grasp.mcap"):
+                result = _stages(scene, operator, report, progress)
         finally:
             operator.close()
         codes = processes.stop()
@@ -82,6 +91,21 @@ def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress) 
     if failed:
         raise NodeSystemError(f"nodes did not end cleanly on SIGINT: exit codes {failed}")
     return result
+
+
+@contextmanager
+def _recorded(operator: Operator, path: Path) -> Iterator[None]:
+    """Record, where mcap is installed, all but the raw images, which would be most of it."""
+    for old in path.parent.glob(f"{path.stem}*{path.suffix}"):
+        old.unlink()
+    try:
+        writer = RecordingWriter(path, definition, RECORDING_BYTES)
+    except ModuleNotFoundError:
+        yield
+        return
+    Recorder(operator.node, writer, left_out=RAW_IMAGES)
+    with closing(writer):
+        yield
 
 
 def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) -> GraspResult:

@@ -140,6 +140,7 @@ def test_a_fault_ends_the_grasp_at_once_with_its_reason(monkeypatch, tmp_path):
     processes = contextlib.nullcontext(types.SimpleNamespace(check=lambda: None))
     monkeypatch.setattr(demo, "NodeProcesses", lambda *_: processes)
     monkeypatch.setattr(demo, "Operator", lambda *_, **__: FaultyOperator())
+    monkeypatch.setattr(demo, "_recorded", lambda *_: contextlib.nullcontext())
     with pytest.raises(NodeSystemError, match="waiting for plant.*: fault: 16 of 16 channels at fault"):
         demo.grasp("bulb", load_scene("bulb")[0], "rod", tmp_path, Progress())
 
