@@ -39,7 +39,9 @@ from mbpam_ros.terminal import Progress, table
 ALL = "all"
 """What stands for the paper's five objects on the command progress."""
 
-RAW_IMAGES = ("camera/image_raw", "camera/depth/image_raw")
+LEFT_OUT = ("camera/image_raw", "camera/depth/image_raw", *(f"{node}/alive" for node in NODES))
+"""Most of the bytes, and much of what costs time beside six processes."""
+
 RECORDING_BYTES = 10**9
 
 PATIENCE_S = 10.0
@@ -95,7 +97,7 @@ def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress) 
 
 @contextmanager
 def _recorded(operator: Operator, path: Path) -> Iterator[None]:
-    """Record, where mcap is installed, all but the raw images, which would be most of it."""
+    """Record, where mcap is installed, all that tells of the grasp."""
     for old in path.parent.glob(f"{path.stem}*{path.suffix}"):
         old.unlink()
     try:
@@ -103,7 +105,7 @@ def _recorded(operator: Operator, path: Path) -> Iterator[None]:
     except ModuleNotFoundError:
         yield
         return
-    Recorder(operator.node, writer, left_out=RAW_IMAGES)
+    Recorder(operator.node, writer, left_out=LEFT_OUT)
     with closing(writer):
         yield
 
