@@ -12,8 +12,6 @@ from std_srvs.srv import SetBool, Trigger
 from mbpam_ros.commands.system import NodeProcesses
 from mbpam_ros.nodes.runtime import LATCHED
 
-pytestmark = pytest.mark.system
-
 ENDS = ("plant", "pressure_sensor", "valve_controller", "grasp_arbiter")
 """The nodes that a grasp needs."""
 
@@ -166,7 +164,7 @@ def test_a_latched_stop_survives_a_restart_of_either_node(watched):
 
 
 def test_a_node_started_twice_is_a_fault_that_names_it_while_a_grasp_holds_and_while_it_closes(
-    watched, domain, log_directory
+    watched, domain, log_directory, launch
 ):
     gripper = watched.gripper
     for name in ("grasp_arbiter", "valve_controller", "pressure_sensor"):
@@ -175,7 +173,7 @@ def test_a_node_started_twice_is_a_fault_that_names_it_while_a_grasp_holds_and_w
         else:
             gripper.close_fingers()
         environment = {"ROS_DOMAIN_ID": str(domain)}
-        with NodeProcesses(log_directory / "twin", executables=[name], environment=environment):
+        with NodeProcesses(log_directory / "twin", executables=[name], environment=environment, launch=launch):
             watched.wait_for(lambda: gripper.grasp.get("phase") == "fault", f"the fault of two {name}")
 
             def named(name=name):
