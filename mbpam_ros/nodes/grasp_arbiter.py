@@ -19,6 +19,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
+from mbpam_ros.description.frames import Frames
 from mbpam_ros.grasp.arbitration import (
     Decision,
     Phase,
@@ -34,10 +35,11 @@ from mbpam_ros.grasp.watch import HealthWatch
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.answering import Reply
 from mbpam_ros.nodes.heartbeat import SILENCE_S, Instance, places
-from mbpam_ros.nodes.markers import BASE_FRAME, SHAPES, hidden_lengths
+from mbpam_ros.nodes.markers import SHAPES, hidden_lengths
 from mbpam_ros.nodes.messages import MessageError, findings_in, joint_state, named_values, pose, pose_arrays, seconds
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.stamps import CLOCK_TOLERANCE, StampClock, stamp_age
+from mbpam_ros.nodes.transforms import FRAME_PREFIX
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.findings import SUPPLY
 
@@ -56,6 +58,7 @@ PARAMETERS = (
     Parameter("valve_controller_node", "valve_controller", "name of the node that moves the valves"),
     Parameter("object_detector_node", "object_detector", "name of the node that sees the objects"),
     Parameter("tick_rate_hz", 50.0, "rate of the state machine [Hz]", 5.0, 1000.0),
+    FRAME_PREFIX,
     CLOCK_TOLERANCE,
 )
 
@@ -75,6 +78,7 @@ class GraspArbiterNode(GripperNode):
 
     def __init__(self, **node_options: Unpack[NodeOptions]) -> None:
         super().__init__("grasp_arbiter", PARAMETERS, **node_options)
+        self._frame = Frames(self.text("frame_prefix")).base
         gripper = load_gripper(self.text("gripper"))
         config = load_grasp_config(self.text("grasp"))
         modes = load_modes(self.text("modes"))
@@ -300,7 +304,7 @@ class GraspArbiterNode(GripperNode):
         if self._decision.grasp_pose is not None:
             target = self._decision.grasp_pose
             wrist = PoseStamped(pose=pose(target.position_m, target.orientation_xyzw))
-            wrist.header.stamp, wrist.header.frame_id = stamp, BASE_FRAME
+            wrist.header.stamp, wrist.header.frame_id = stamp, self._frame
             self._pose.publish(wrist)
         self.publish_health_change()
 
@@ -337,7 +341,8 @@ class GraspArbiterNode(GripperNode):
             if stamps_s:
                 now_s, tolerance_s = seconds(self.now_stamp()), self.number("clock_tolerance_s")
                 age_s = stamp_age(min(stamps_s), now_s, self._detection_stale_s, tolerance_s)
-            objects = [_detected_object(marker) for marker in message.markers if marker.action == Marker.ADD]
+            added = [marker for marker in message.markers if marker.action == Marker.ADD]
+            objects = [_detected_object(marker, self._frame) for marker in added]
         except (MessageError, ValueError) as error:
             self.refuse("detections", error)
             return
@@ -355,9 +360,9 @@ class GraspArbiterNode(GripperNode):
         self.publish_health_change()
 
 
-def _detected_object(marker: Marker) -> DetectedObject:
-    if marker.header.frame_id != BASE_FRAME:
-        raise MessageError(f"frame {marker.header.frame_id!r}; detections must be in {BASE_FRAME}")
+def _detected_object(marker: Marker, frame: str) -> DetectedObject:
+    if marker.header.frame_id != frame:
+        raise MessageError(f"frame {marker.header.frame_id!r}; detections must be in {frame}")
     if marker.type not in SHAPES:
         raise MessageError(f"marker type {marker.type} is none of {', '.join(SHAPES.values())}")
     position, orientation = pose_arrays(marker.pose)

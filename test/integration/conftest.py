@@ -341,7 +341,7 @@ class Gripper:
         self._pressures_at_s = time.monotonic()
 
     def _on_truth(self, message: MarkerArray) -> None:
-        self.height_m.update({m.ns: -m.pose.position.z for m in message.markers if m.ns in ("palm", "object")})
+        self.height_m.update({m.ns: m.pose.position.z for m in message.markers if m.ns in ("palm", "object")})
 
 
 @pytest.fixture(scope="session")

@@ -97,8 +97,8 @@ class Gripper:
         """Simulated times and the true heights of hand and object over their starts, shape (n, 3)."""
         rows = []
         for message in self.truth:
-            depth = {marker.ns: marker.pose.position.z for marker in message.markers if marker.ns != "finger"}
-            rows.append((seconds(message.markers[0].header.stamp), -depth["palm"], -depth["object"]))
+            height = {marker.ns: marker.pose.position.z for marker in message.markers if marker.ns != "finger"}
+            rows.append((seconds(message.markers[0].header.stamp), height["palm"], height["object"]))
         rows = np.array(rows)
         return rows - (0.0, *rows[0, 1:])
 
