@@ -497,7 +497,11 @@ class Observer:
         rate_pa_s, seen_pa_s = self._rate(channel), self._seen_pa_s(channel)
         if rate_pa_s < -seen_pa_s:
             del self._looks[channel]
-            self._find_leak(channel, -rate_pa_s)
+            other = self._not_falling(channel)
+            if other is None:
+                self._find_leak(channel, -rate_pa_s)
+            else:
+                self._find_swapped(channel, other, "one falls while the other's valve vents, which stands still")
         elif not look.filled:
             del self._looks[channel]
             self._find(
@@ -519,6 +523,12 @@ class Observer:
                 self._find(Fault.SLOW_VALVE, (channel,), f"{evidence}, and it went on filling when closed", confidence)
             else:
                 self._find(Fault.NOT_FOLLOWING, (channel,), evidence, confidence)
+
+    def _not_falling(self, channel: int) -> int | None:
+        """Return the channel of its finger that vents now and has not fallen as far as it must, if there is one."""
+        standing = (self._high.max(axis=0) < 0.0) & (self._up > 0.3 * self._config.move_threshold_pa)
+        others = np.flatnonzero(standing & same_finger(channel))
+        return int(others[0]) if others.size > 0 else None
 
     def _all_starved(self, channel: int, look: _Look) -> bool:
         """Return whether every channel that filled then has fallen behind too."""

@@ -141,6 +141,17 @@ def test_while_a_grasp_is_held(kind, size, fault, channels, within_s):
     assert rig.pressure_pa.max() < 110e3
 
 
+@pytest.mark.parametrize("after_s", [0.15, 0.25, 0.3, 0.8])
+def test_neighbours_that_fill_alike_and_were_swapped_are_told_by_how_they_part(after_s):
+    """One valve fills for the other's reading, the other vents for the first one's: neither leaks."""
+    rig = Rig()
+    rig.aim(np.where(np.arange(CHANNEL_COUNT) % 4 < 2, 100e3, 0.0))
+    rig.run(after_s)
+    rig.inject("swapped", other=EMPTY)
+    rig.run(3.0, until=lambda: rig.found)
+    assert rig.found == {(Fault.SWAPPED, BOTH)}
+
+
 def test_two_inflated_neighbours_that_were_swapped_are_told_by_their_test_pulses():
     rig = Rig()
     rig.aim(np.where(np.arange(CHANNEL_COUNT) % 4 < 2, 100e3, 0.0))
