@@ -123,7 +123,7 @@ def test_while_a_grasp_closes(kind, size, fault, channels, within_s):
         ("swapped", 0.0, Fault.SWAPPED, BOTH, 0.05),
         ("valve_open", 1.0, Fault.RISES, ONE, 0.2),
         ("valve_open", 0.1, Fault.RISES, ONE, 0.4),
-        ("leaks_in", 4.0, Fault.RISES, ONE, 3.0),
+        ("leaks_in", 4.0, Fault.LEAKS_IN, ONE, 3.0),
         ("leak", 2.0, Fault.LEAK, ONE, 0.5),
         ("drift", 1e3, Fault.LEAK_OR_DRIFT, ONE, 4.0),
         ("drift", -0.4e3, Fault.LEAK_OR_DRIFT, ONE, 8.0),
