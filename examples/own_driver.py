@@ -6,8 +6,8 @@ ros2 run mbpam_ros pressure_sensor & ros2 run mbpam_ros valve_controller & ros2 
 
 It speaks Modbus/TCP with a terminal of sixteen proportional valves, a supply valve and sixteen analogue inputs. Their
 registers are those of simulated_terminal.py, their calibration is terminal.yaml. For other hardware replace the two
-functions "start" and "exchange" of the class Terminal. What stays: it connects again, sets the terminal's watchdog, which
-closes all valves when this program or the cable is gone, and reports its health.
+functions "start" and "exchange" of the class Terminal. What stays: it connects again, sets the terminal's watchdog,
+which closes all valves when this program or the cable is gone, and reports its health.
 """
 
 import socket

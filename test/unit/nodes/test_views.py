@@ -51,7 +51,7 @@ def test_rviz_shows_topics_of_the_types_its_displays_take_and_hears_the_latched_
 
 
 def test_the_aggregator_puts_every_node_under_one_heading_in_any_namespace():
-    content = yaml.safe_load((VIEWS.parent / "diagnostics.yaml").read_text(encoding="utf-8"))
+    content = yaml.safe_load((VIEWS / "diagnostics.yaml").read_text(encoding="utf-8"))
     groups = [each for each in content["/**"]["ros__parameters"].values() if isinstance(each, dict)]
     for name in [*NODES, *(f"/left/{node}" for node in NODES), "/driver"]:
         assert sum(any(part in name for part in group["contains"]) for group in groups) == 1, name
