@@ -47,6 +47,8 @@ from mbpam_ros.terminal import Progress
 WAIT_S = 10.0
 PROCESS_WAIT_S = 15.0
 START_S = 60.0
+UNDER_WAY_S = 0.2
+"""What a killed process has said arrives within this."""
 
 REAL_CLOCK = pytest.mark.xdist_group("real_clock")
 """Node processes run one after another in one worker of xdist, so that no other test's nodes compete with them."""
@@ -326,6 +328,8 @@ class Gripper:
         process = self.processes.processes.pop(executable)
         process.kill()
         process.wait()
+        killed_s = time.monotonic()
+        self.wait_for(lambda: time.monotonic() > killed_s + UNDER_WAY_S, "what it said last")
         self.operator.health.pop(f"{self._prefix}/{executable}", None)
 
     def restart(self, executable: str) -> None:
