@@ -54,6 +54,12 @@ PARAMETERS = (
     Parameter("object_mass_kg", 0.0, "of the object to come, at most [kg]; 0: not known", 0.0, 10.0, changeable=True),
     Parameter("object_mass_class", "", "instead: light, medium or heavy; empty: not known", changeable=True),
     Parameter("object_friction", 0.0, "its friction [1], at least; 0: as in the grasp file", 0.0, 2.0, changeable=True),
+    Parameter(
+        "wait_for_result",
+        False,
+        "grasp/auto and the modes answer once the grasp holds, or has failed; else once it has begun",
+        changeable=True,
+    ),
     Parameter("pressure_sensor_node", "pressure_sensor", "name of the node that senses the pressures"),
     Parameter("valve_controller_node", "valve_controller", "name of the node that moves the valves"),
     Parameter("object_detector_node", "object_detector", "name of the node that sees the objects"),
@@ -114,8 +120,8 @@ class GraspArbiterNode(GripperNode):
         self.create_subscription(MarkerArray, "detections", self._on_detections, STREAM)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 20)
         for mode in MODE_NAMES:
-            self._serve(f"grasp/{mode}", partial(self._arbiter.request_mode, mode))
-        self._serve("grasp/auto", self._on_auto)
+            self._serve_grasp(f"grasp/{mode}", partial(self._arbiter.request_mode, mode))
+        self._serve_grasp("grasp/auto", self._on_auto)
         self._serve("grasp/release", self._arbiter.release)
         self._serve("grasp/check", self._arbiter.check)
         if holding.listens_to_air:
@@ -193,6 +199,26 @@ class GraspArbiterNode(GripperNode):
             return self._said(name, request(self.now_s()))
 
         self.serve(Trigger, name, answer)
+
+    def _serve_grasp(self, name: str, request: Callable[[float], Answer]) -> None:
+        """Answer at once, or where ``wait_for_result`` says so with what became of the grasp."""
+
+        def answer(_: Trigger.Request, reply: Reply) -> None:
+            begun = self._said(name, request(self.now_s()))
+            if begun.accepted and self.value("wait_for_result"):
+                self._await(partial(self._told_result, reply))
+            else:
+                reply(begun)
+
+        self.serve_later(Trigger, name, answer)
+
+    def _told_result(self, reply: Reply) -> bool:
+        """Reply that the grasp holds, or why it does not; return False while it closes."""
+        if self._decision is None or self._decision.phase is Phase.CLOSING:
+            return False
+        phase, reason = self._decision.phase, self._decision.reason
+        reply(Answer(phase is Phase.HOLDING, f"{phase.value}: {reason}"))
+        return True
 
     def _said(self, name: str, answer: Answer) -> Answer:
         """Log an answer, and let the state machine act upon the request before it is given."""

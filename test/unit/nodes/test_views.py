@@ -7,7 +7,7 @@ from pathlib import Path
 import yaml
 
 from mbpam_ros.actuator.chambers import BEND_NAMES, CHANNEL_COUNT
-from mbpam_ros.nodes.interface import TOPICS
+from mbpam_ros.nodes.interface import NODES, TOPICS
 
 VIEWS = Path(__file__).parents[3] / "config" / "views"
 TABLE = {name: topic for topic in TOPICS for name in topic.names}
@@ -48,3 +48,11 @@ def test_rviz_shows_topics_of_the_types_its_displays_take_and_hears_the_latched_
             assert (heard["Durability Policy"] == "Transient Local") == topic.latched, display["Name"]
             shown += 1
     assert shown >= 6
+
+
+def test_the_aggregator_puts_every_node_under_one_heading_in_any_namespace():
+    content = yaml.safe_load((VIEWS / "diagnostics.yaml").read_text(encoding="utf-8"))
+    groups = [each for each in content["/**"]["ros__parameters"].values() if isinstance(each, dict)]
+    for name in [*NODES, *(f"/left/{node}" for node in NODES), "/driver"]:
+        assert sum(any(part in name for part in group["contains"]) for group in groups) == 1, name
+    assert {group["type"] for group in groups} == {"diagnostic_aggregator/GenericAnalyzer"}
