@@ -107,11 +107,13 @@ class Background:
             np.empty_like(image),
         )
         ratios(image, table, grey_table, logs, relative)
-        slope = cv2.magnitude(cv2.Sobel(grey_table, cv2.CV_32F, 1, 0), cv2.Sobel(grey_table, cv2.CV_32F, 0, 1)) / 8.0
-        slope = cv2.dilate(slope, np.ones((3, 3), np.uint8))
+        slope = _floats(
+            cv2.magnitude(cv2.Sobel(grey_table, cv2.CV_32F, 1, 0), cv2.Sobel(grey_table, cv2.CV_32F, 0, 1)) / 8.0
+        )
+        slope = _floats(cv2.dilate(slope, np.ones((3, 3), np.uint8)))
         sure, darker = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
-        means = cv2.blur(logs, _WINDOW)
-        differing(image, table, *(_floats(part) for part in (slope, self.spread, means)), noise, sure, darker)
+        means = _floats(cv2.blur(logs, _WINDOW))
+        differing(image, table, slope, _floats(self.spread), means, noise, sure, darker)
         certain = sure.astype(bool) & usable
         return Masks(_cleaned(certain), _cleaned(certain | (darker.astype(bool) & usable)), relative)
 

@@ -96,9 +96,8 @@ def foreground(image: NDArray[np.uint8], known: NDArray[np.bool_], config: Segme
     places = np.flatnonzero(pairs)
     least = max(_LEAST_SECTOR_SHARE * float(np.count_nonzero(np.bincount(places % _SECTORS))), 3.0)
     everywhere = np.bincount(places // _SECTORS, minlength=bins) >= least
-    histogram = np.bincount(index[frame], minlength=bins) * everywhere
-    histogram = histogram.astype(np.float32)
-    histogram = _blurred(histogram.reshape(_LEVEL_BINS, _HUE_BINS, _HUE_BINS)) / float(frame.sum())
+    counts = (np.bincount(index[frame], minlength=bins) * everywhere).astype(np.float32)
+    histogram = _blurred(counts.reshape(_LEVEL_BINS, _HUE_BINS, _HUE_BINS)) / float(frame.sum())
     shadowed = _with_shadows(histogram, config.shadow_ratio)
     strange = (histogram < config.rarity).ravel()[index].astype(np.float32)
     stranger = (shadowed < config.rarity).ravel()[index].astype(np.float32)
