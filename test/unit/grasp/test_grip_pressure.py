@@ -130,6 +130,16 @@ def test_where_the_lightest_is_held_a_heavier_object_is_too_heavy():
     assert found.startswith("too heavy: 200 g needs more than 120 kPa")
 
 
+@pytest.mark.parametrize("mode", MODE_NAMES)
+def test_the_shipped_table_asks_for_more_the_heavier_and_the_more_slippery(mode):
+    table = load_grip_table()
+    width_m, depth_m = {"envelope": (0.06, 0.08), "mid_rod": (0.035, 0.085)}.get(mode, (0.022, 0.07))
+    by_mass = [interpolated(table, mode, width_m, depth_m, 0.6, mass_kg) for mass_kg in (0.02, 0.06, 0.12, 0.2)]
+    assert by_mass == sorted(by_mass) and by_mass[0] < by_mass[-1]
+    slippery, rough = (interpolated(table, mode, width_m, depth_m, friction, 0.12) for friction in (0.4, 0.8))
+    assert rough <= slippery
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
