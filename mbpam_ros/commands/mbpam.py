@@ -33,6 +33,7 @@ VERBS = (
     Verb("fe", "the finite element muscle: beside the paper's, and the laws made from it", "fe"),
     Verb("silicone", "constants of a silicone from its tensile test", "silicone"),
     Verb("muscle", "your own muscle: from its drawing and the rig's curves to a calibrated gripper", "muscle"),
+    Verb("characterise", "bend and force of one muscle over pressure, on the rig", "characterise"),
     Verb("judge-rig", "whether rig and calibration find hidden muscles", "judge_rig", resumes=True),
     Verb("metamodels", "metamodels of the muscle beside each other and the paper's", "metamodels", resumes=True),
     Verb("sample", "where to run finite elements so that few samples tell most", "sample", resumes=True),

@@ -37,10 +37,11 @@ class PlantCamera:
         node: publishes for it; its parameters ``camera`` and ``seed`` are read.
         gripper: size of the fingers.
         scene: the objects and their support.
+        camera: file of the camera instead of the parameter's.
     """
 
-    def __init__(self, node: GripperNode, gripper: Gripper, scene: Scene) -> None:
-        config = load_camera_config(node.text("camera"))
+    def __init__(self, node: GripperNode, gripper: Gripper, scene: Scene, camera: str | None = None) -> None:
+        config = load_camera_config(camera or node.text("camera"))
         self._renderer = Renderer.from_config(config)
         self._rng = np.random.default_rng(node.whole("seed"))
         self._finger_radius_m = gripper.geometry.outer_radius_m

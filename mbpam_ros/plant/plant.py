@@ -184,6 +184,11 @@ class Plant:
         return self._volts.copy()
 
     @property
+    def pressure_gauge_pa(self) -> Array:
+        """True chamber pressures after the last step, shape (16,), without the cost of :meth:`observe`."""
+        return self._pressure.copy()
+
+    @property
     def hand_lift_m(self) -> float:
         """Rise of the hand [m]."""
         return float(self._lift.motion(self.time_s)[0])

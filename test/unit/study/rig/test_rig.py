@@ -174,3 +174,23 @@ def test_a_file_that_is_none_of_the_rigs_is_one_line(content, tmp_path):
     file.write_text(content)
     with pytest.raises(ConfigError, match=r"curves\.json: (no file of mbpam characterise|its curves are empty)"):
         read_curves(file)
+
+
+def test_the_verb_writes_samples_curves_and_what_was_measured_or_nothing(tmp_path, capsys):
+    file = tmp_path / "deep" / "curves.json"
+    ramp = ["characterise", "--patterns", "pdc", "--pressures", "0:60:30", "--repeats", "1", "--json", str(file)]
+    assert main([*ramp, "--simulated", "3", "--settle-s", "25"]) == 1
+    assert "less than --timeout-s" in capsys.readouterr().err
+    assert not file.exists()
+    assert main([*ramp, "--simulated", "3"]) == 0
+    assert json.loads(file.read_text())["measured"]["muscle"] == "paper"
+    assert file.with_suffix(".csv").read_text().startswith("time_s,pattern")
+    assert {point.quantity for point in read_curves(file)} == {BEND, FORCE}
+
+
+@pytest.mark.parametrize("pressures", ["0:100", "0:100000:10000", "100:0:10", "0:100:0", "a:b:c"])
+def test_pressures_that_cannot_be_are_one_line(pressures, capsys):
+    with pytest.raises(SystemExit):
+        main(["characterise", "--pressures", pressures, "--json", "x.json"])
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "--pressures" in said
