@@ -32,18 +32,32 @@ VERBS = (
     Verb("rod", "one muscle as a rod under loads in any posture, alone or beside finite elements", "rod"),
     Verb("fe", "the finite element muscle: beside the paper's, and the laws made from it", "fe"),
     Verb("silicone", "constants of a silicone from its tensile test", "silicone"),
+    Verb("muscle", "your own muscle: from its drawing and the rig's curves to a calibrated gripper", "muscle"),
+    Verb("characterise", "bend and force of one muscle over pressure, on the rig", "characterise"),
+    Verb("judge-rig", "whether rig and calibration find hidden muscles", "judge_rig", resumes=True),
     Verb("metamodels", "metamodels of the muscle beside each other and the paper's", "metamodels", resumes=True),
     Verb("sample", "where to run finite elements so that few samples tell most", "sample", resumes=True),
     Verb("optimise", "the designs that bend furthest and press hardest, and a compromise", "optimise", resumes=True),
     Verb("detect", "the objects in an image file: shape, size and place", "detect"),
     Verb("judge-detector", "how well objects are detected, on images drawn by MuJoCo and our own", "judge_detector"),
+    Verb("record", "record all topics of a gripper as MCAP", "record"),
+    Verb("replay", "let nodes live through a recording again", "replay"),
+    Verb("report", "the picture report of a grasp, from a recording", "report"),
+    Verb("urdf", "the gripper as a URDF, with meshes if asked for", "urdf"),
     Verb("compile", "compile all kernels ahead, so that no node does it when it starts", "compile"),
     Verb("bench", "CPU and latency of the running nodes, beside their budgets", "bench"),
     Verb("soak", "the gripper under random use, faults and repairs for a long time: what leaks, what is late", "soak"),
     Verb("first-grasps", "how long the valves are left alone in the first grasp after a start", "first_grasps"),
 )
 
-EXTRAS = {"rclpy": "ros", "domain_coordinator": "ros", "psutil": "bench", "mujoco": "bench", "felupe": "fem"}
+EXTRAS = {
+    "rclpy": "ros",
+    "domain_coordinator": "ros",
+    "psutil": "bench",
+    "mujoco": "bench",
+    "felupe": "fem",
+    "mcap": "record",
+}
 """Which extra of the package installs what a verb may miss."""
 
 _RAW = argparse.RawDescriptionHelpFormatter
