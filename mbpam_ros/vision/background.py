@@ -101,18 +101,15 @@ class Background:
         table = np.ascontiguousarray(np.minimum(mean * gain, np.float32(255.0)))
         noise = max(1.4826 * float(np.median(np.abs(sample[0] - sample[1] * gain))), 1.0)
         image, shape = np.ascontiguousarray(image), usable.shape
-        grey_table, logs, relative = (
-            np.empty(shape, np.float32),
-            np.empty((*shape, 4), np.float32),
-            np.empty_like(image),
-        )
-        ratios(image, table, grey_table, logs, relative)
+        grey_table, ratio, relative = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty_like(image)
+        ratios(image, table, grey_table, ratio, relative)
+        logs = np.log(ratio), np.log(grey_table)
+        means = _floats(cv2.blur(cv2.merge([*logs, *(part * part for part in logs)]), _WINDOW))
         slope = _floats(
             cv2.magnitude(cv2.Sobel(grey_table, cv2.CV_32F, 1, 0), cv2.Sobel(grey_table, cv2.CV_32F, 0, 1)) / 8.0
         )
         slope = _floats(cv2.dilate(slope, np.ones((3, 3), np.uint8)))
         sure, darker = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
-        means = _floats(cv2.blur(logs, _WINDOW))
         differing(image, table, slope, _floats(self.spread), means, noise, sure, darker)
         certain = sure.astype(bool) & usable
         return Masks(_cleaned(certain), _cleaned(certain | (darker.astype(bool) & usable)), relative)

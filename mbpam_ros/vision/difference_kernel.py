@@ -26,7 +26,7 @@ _EDGE_SHARE = 0.6
 _MOST_SPREAD = 12.0
 
 # Compiled when imported, not under the first frame.
-_RATIOS = "void(u1[:,:,::1], f4[:,:,::1], f4[:,::1], f4[:,:,::1], u1[:,:,::1])"
+_RATIOS = "void(u1[:,:,::1], f4[:,:,::1], f4[:,::1], f4[:,::1], u1[:,:,::1])"
 _DIFFERING = "void(u1[:,:,::1], f4[:,:,::1], f4[:,::1], f4[:,::1], f4[:,:,::1], f8, u1[:,::1], u1[:,::1])"
 
 
@@ -35,7 +35,7 @@ def ratios(
     image: NDArray[np.uint8],
     table: NDArray[np.float32],
     grey_table: NDArray[np.float32],
-    logs: NDArray[np.float32],
+    ratio: NDArray[np.float32],
     relative: NDArray[np.uint8],
 ) -> None:
     """Compare brightness and colours pixel by pixel.
@@ -44,8 +44,7 @@ def ratios(
         image: (h, w, c) levels.
         table: (h, w, c) levels of the empty table at the same exposure.
         grey_table: (h, w), filled with its brightness and :data:`DARK`.
-        logs: (h, w, 4), filled with the logarithms of the brightness' ratio and of the table's brightness, and with
-            the squares of both.
+        ratio: (h, w), filled with the image's over that.
         relative: (h, w, c), filled with the ratio of each colour, :data:`LIKE` where they are alike.
     """
     height, width, channels = image.shape
@@ -58,10 +57,7 @@ def ratios(
                 of_table += weight * table[v, u, c]
                 relative[v, u, c] = min(LIKE * (image[v, u, c] + DARK) / (table[v, u, c] + DARK), 255.0)
             grey_table[v, u] = of_table
-            log_table = math.log(of_table)
-            log_ratio = math.log(grey) - log_table
-            logs[v, u, 0], logs[v, u, 1] = log_ratio, log_table
-            logs[v, u, 2], logs[v, u, 3] = log_ratio * log_ratio, log_table * log_table
+            ratio[v, u] = grey / of_table
 
 
 @njit(_DIFFERING, cache=True, nogil=True)
@@ -81,7 +77,7 @@ def differing(
         image, table: as for :func:`ratios`.
         slope: (h, w), of the table's brightness, the steepest near by [levels per px].
         spread: (h, w), standard deviation of the table's frames [levels].
-        means: (h, w, 4), the means of :func:`ratios`' logarithms and squares about each pixel.
+        means: (h, w, 4), the means about each pixel of the logarithms of ratio and grey_table, and of their squares.
         noise: standard deviation between image and table [levels].
         sure, darker: (h, w), filled with 0 or 1.
     """
