@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.actuator.design import MetamodelName, MuscleDesign, MuscleGeometry, uniform_geometry
+from mbpam_ros.actuator.drawing import PAPER, load_drawing
 from mbpam_ros.actuator.named_designs import load_design
 from mbpam_ros.configuration import ConfigError, load_yaml, parse_config, require_positive
 
 if TYPE_CHECKING:
+    from mbpam_ros.actuator.calibration import Calibration
     from mbpam_ros.actuator.rod_law import RodLaw
 
 
@@ -30,22 +32,28 @@ class Gripper:
         design: the muscles' design.
         geometry: what all designs share.
         metamodel: surrogate that gives the design's greatest bend and force.
-        target: scale to the paper's finite element values or to its measured ones.
+        target: scale to the paper's finite element values (fe), to its measured ones (test), or to what the rig
+            measured of these muscles (measured). A muscle that is not the paper's has no test.
         finger_circle_radius_m: distance of the finger axes from the palm's centre.
         pressure_limit_gauge_pa: hard limit of any set-point.
         over_pressure_gauge_pa: a chamber above this vents at once; above the limit by more than overshoot and noise.
+        muscle: name of the drawing that design and geometry come from, and of what was found out about it. Without it
+            in the file, the paper's, of the design and geometry that the file gives.
     """
 
     design: MuscleDesign
     geometry: MuscleGeometry
     metamodel: MetamodelName
-    target: Literal["fe", "test"]
+    target: Literal["fe", "test", "measured"]
     finger_circle_radius_m: float
     pressure_limit_gauge_pa: float
     over_pressure_gauge_pa: float
+    muscle: str = PAPER
 
     def __post_init__(self) -> None:
         require_positive(self, "finger_circle_radius_m", "pressure_limit_gauge_pa")
+        if self.muscle != PAPER and self.target == "test":
+            raise ValueError(f"target test is the paper's muscle; for {self.muscle} take fe or measured")
         if not self.over_pressure_gauge_pa > self.pressure_limit_gauge_pa:
             raise ValueError(
                 f"over_pressure_gauge_pa = {self.over_pressure_gauge_pa:g} must be above pressure_limit_gauge_pa = "
@@ -63,15 +71,31 @@ class Gripper:
         """Geometry of the uniform rod that stands for a muscle; the one that the calibrated law belongs to."""
         return uniform_geometry(self.geometry)
 
-    def rod_law(self) -> RodLaw:
-        """Return the calibrated law of that rod.
+    def calibration(self) -> Calibration:
+        """Return what the muscles run on.
 
         Raises:
+            ConfigError: what the target asks for was not computed or measured.
             RodSolutionError: the design has no rod law.
         """
-        from mbpam_ros.actuator.calibration import calibrated_rod_law  # a compiler, which most readers do without
+        from mbpam_ros.actuator import calibration  # a compiler, which most readers do without
+        from mbpam_ros.actuator.measured_muscle import load_measured
 
-        return calibrated_rod_law(self.design, self.geometry, self.metamodel, self.target)
+        measured = load_measured(self.muscle) if self.target == "measured" else None
+        base = self.target if measured is None else measured.base
+        if self.muscle == PAPER:
+            drawn = calibration.calibrate(self.design, self.geometry, self.metamodel, base)
+        else:
+            drawn = calibration.calibrate_built(self.muscle, self.geometry)
+        return drawn if measured is None else calibration.calibrate_measured(drawn, self.geometry, measured)
+
+    def rod_law(self) -> RodLaw:
+        """Return the law of that rod.
+
+        Raises:
+            ConfigError, RodSolutionError: as :meth:`calibration`.
+        """
+        return self.calibration().law
 
     @property
     def finger_base_m(self) -> NDArray[np.float64]:
@@ -82,13 +106,27 @@ class Gripper:
 
 
 def load_gripper(name: str | Path = "gripper.yaml") -> Gripper:
-    """Read the gripper file ``name``. Its ``design`` is a mapping of ``a_mm`` and ``b_mm``, or the name of a design.
+    """Read the gripper file ``name``.
+
+    It names a ``muscle``, whose drawing then gives design and geometry, or gives both; ``design`` is a mapping of
+    ``a_mm`` and ``b_mm``, or the name of a design.
 
     Raises:
-        ConfigError: wrong keys or values; among them a design outside the paper's domain, and a name that no design
-            has.
+        ConfigError: wrong keys or values; among them a design outside the paper's domain, and a name that no design or
+            muscle has.
     """
     content = load_yaml(name)
+    if "muscle" in content:
+        given = [key for key in ("design", "geometry") if key in content]
+        if given:
+            raise ConfigError(f"{name}: muscle and {' and '.join(given)}: the drawing of the muscle gives these")
+        try:
+            drawing = load_drawing(str(content["muscle"]))
+        except ConfigError as error:
+            raise ConfigError(f"{name}: muscle: {error}") from error
+        content |= {"design": drawing.design, "geometry": drawing.geometry}
+        content.setdefault("metamodel", "prs")
+        return parse_config(Gripper, content, where=str(name))
     if isinstance(content.get("design"), str):
         try:
             design = load_design(content["design"])

@@ -80,14 +80,39 @@ def blocked_path(
     Raises:
         RodSolutionError: no equilibrium with a pushing plate was found; the message says at which load.
     """
-    weight = geometry.mass_per_length_kg_m * gravity_m_s2
-    path: list[PlateContact] = []
-    last, before = _small_deflection(loads[0], geometry, friction_coefficient, weight), loads[0]
-    for load in loads:
-        last = _Plate(load, geometry, friction_coefficient, weight).contact(last, load.moment_n_m / before.moment_n_m)
-        path.append(last)
-        before = load
-    return path
+    tip = BlockedTip(geometry, friction_coefficient, gravity_m_s2)
+    return [tip.follow(load) for load in loads]
+
+
+class BlockedTip:
+    """A tip on its plate, whose friction remembers the loads that came before; the arguments of :func:`blocked_path`.
+
+    It begins at the unpressurised, straight muscle.
+    """
+
+    def __init__(
+        self,
+        geometry: MuscleGeometry,
+        friction_coefficient: float = FRICTION_COEFFICIENT,
+        gravity_m_s2: float = GRAVITY_M_S2,
+    ) -> None:
+        self._geometry, self._friction = geometry, friction_coefficient
+        self._weight = geometry.mass_per_length_kg_m * gravity_m_s2
+        self._last: PlateContact | None = None
+        self._before = 0.0
+
+    def follow(self, load: RodLoad) -> PlateContact:
+        """Return the contact at the next load.
+
+        Raises:
+            RodSolutionError: no equilibrium with a pushing plate was found; the contact stays that before.
+        """
+        last, before = self._last, self._before
+        if last is None:
+            last, before = _small_deflection(load, self._geometry, self._friction, self._weight), load.moment_n_m
+        plate = _Plate(load, self._geometry, self._friction, self._weight)
+        self._last, self._before = plate.contact(last, load.moment_n_m / before), load.moment_n_m
+        return self._last
 
 
 def _small_deflection(load: RodLoad, geometry: MuscleGeometry, friction: float, weight_n_m: float) -> PlateContact:

@@ -22,20 +22,29 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import newton
 
-from mbpam_ros.actuator.bending_law import PATTERNS
+from mbpam_ros.actuator.bending_law import PATTERNS, stored_shear_modulus_pa
 from mbpam_ros.actuator.blocked_rod import RodLoad, blocked_path
+from mbpam_ros.actuator.built_muscle import LAW_FILE, load_built
 from mbpam_ros.actuator.design import INITIAL_DESIGN, MuscleDesign, MuscleGeometry, uniform_geometry
+from mbpam_ros.actuator.drawing import PAPER, load_drawing, muscle_folder
+from mbpam_ros.actuator.elastic_rod import solid_end
+from mbpam_ros.actuator.end_law import finite_element_end_law
+from mbpam_ros.actuator.measured_muscle import MeasuredMuscle
 from mbpam_ros.actuator.metamodel import load_metamodel
 from mbpam_ros.actuator.planar_rod import AxisStretch, RodSolutionError, stiffness_for_tip_angle
-from mbpam_ros.actuator.rod_law import NOMINAL_PRESSURE_GAUGE_PA, PatternFactors, RodLaw
+from mbpam_ros.actuator.rod_law import NOMINAL_PRESSURE_GAUGE_PA, PatternFactors, RodLaw, finite_element_rod_law
 from mbpam_ros.actuator.tip_force import TipForce
-from mbpam_ros.actuator.yielding_ends import finite_element_uniform_law
+from mbpam_ros.actuator.yielding_ends import finite_element_uniform_law, uniform_law
 
 # Paper, section 3.1: measured on the initial design.
 _MEASURED_PDC_DEG, _MEASURED_PDC_N = 151.0, 0.643
 _MEASURED_PSC_DEG, _MEASURED_PSC_N = 120.0, 0.466
 
 TARGETS = ("fe", "test")
+
+_SHAPE_SIGMA, _LEAST_SHAPE_SIGMA_RAD = 0.011, math.radians(0.2)
+"""What a hanging muscle's constant curvature departs by from the rod that the rig's curves are fitted with: 0.2 deg at
+small bends, 1.1 % at 100 kPa (PDC)."""
 
 _PRESSURES_PA = np.arange(10e3, NOMINAL_PRESSURE_GAUGE_PA + 1.0, 5e3)
 _FACTOR_TOLERANCE = 1e-8
@@ -81,11 +90,17 @@ def calibration_targets(design: MuscleDesign, metamodel: str = "prs", target: st
 class Calibration:
     """What a design's muscle runs on: the law of the uniform rod that stands for it, and the force its blocked tip has.
 
-    The rod's geometry is :func:`~mbpam_ros.actuator.design.uniform_geometry` of the muscle's.
+    The rod's geometry is :func:`~mbpam_ros.actuator.design.uniform_geometry` of the muscle's. ``hysteresis_pa`` is by
+    what its pressures are felt late (:mod:`~mbpam_ros.actuator.hysteresis`). Where bends were measured or computed for
+    this muscle, ``bend_sigma`` is the relative standard deviation of a free one, and ``least_bend_sigma_rad`` what is
+    left of it at small bends.
     """
 
     law: RodLaw
     tip_force: TipForce
+    hysteresis_pa: float = 0.0
+    bend_sigma: float | None = None
+    least_bend_sigma_rad: float = 0.0
 
 
 @functools.lru_cache(maxsize=16)
@@ -108,6 +123,60 @@ def calibrate(
     pdc = _factors("pdc", targets["pdc"], geometry)
     psc = _factors("psc", targets["psc"], geometry, pdc.stiffness)
     law = finite_element_uniform_law(geometry).scaled(psc=psc, pdc=pdc)
+    return Calibration(law, blocked_tip_force(law, geometry))
+
+
+def calibrate_built(name: str, geometry: MuscleGeometry) -> Calibration:
+    """Return the calibration of a muscle of ``mbpam muscle build``: its own finite element law, as it is.
+
+    Its ends are the paper's muscle's, made similar to its size and silicone
+    (:meth:`~mbpam_ros.actuator.end_law.EndLaw.scaled`).
+
+    Args:
+        name: of its drawing.
+        geometry: of the muscle, not of the rod.
+
+    Raises:
+        ConfigError: it was not built, or its files hold something else.
+        RodSolutionError: the blocked rod has no equilibrium.
+    """
+    built = load_built(name)
+    path = muscle_folder(name) / LAW_FILE
+    modulus_pa = stored_shear_modulus_pa(path)
+    paper = load_drawing(PAPER).geometry
+    joints = finite_element_end_law().scaled(
+        geometry.outer_radius_m / paper.outer_radius_m, modulus_pa / stored_shear_modulus_pa()
+    )
+    law = uniform_law(finite_element_rod_law(path), geometry, solid_end(modulus_pa, geometry), joints)
+    return Calibration(law, blocked_tip_force(law, geometry), bend_sigma=built.bend_sigma)
+
+
+def calibrate_measured(drawn: Calibration, geometry: MuscleGeometry, measured: MeasuredMuscle) -> Calibration:
+    """Return the calibration of a muscle that the rig measured.
+
+    Args:
+        drawn: the calibration that the measured factors multiply.
+        geometry: of the muscle, not of the rod.
+        measured: what the rig found.
+
+    Raises:
+        RodSolutionError: the blocked rod has no equilibrium.
+    """
+    law = drawn.law.scaled(psc=measured.psc, pdc=measured.pdc).stretched(measured.stretch)
+    sigma = math.hypot(measured.bend_sigma, _SHAPE_SIGMA)
+    return Calibration(law, blocked_tip_force(law, geometry), measured.hysteresis_pa, sigma, _LEAST_SHAPE_SIGMA_RAD)
+
+
+def blocked_tip_force(law: RodLaw, geometry: MuscleGeometry) -> TipForce:
+    """Return the force of a muscle's blocked tip.
+
+    Args:
+        law: of the uniform rod.
+        geometry: of the muscle, not of the rod.
+
+    Raises:
+        RodSolutionError: the blocked rod has no equilibrium.
+    """
     forces = {}
     for pattern in PATTERNS:
         loads = pattern_loads(law, pattern, _PRESSURES_PA)
@@ -115,7 +184,7 @@ def calibrate(
         forces[f"{pattern}_force_n"] = np.array(
             [contact.push_n for contact in blocked_path(loads, uniform_geometry(geometry))]
         )
-    return Calibration(law, TipForce(**forces))
+    return TipForce(**forces)
 
 
 def calibrated_rod_law(

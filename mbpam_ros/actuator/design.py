@@ -121,6 +121,17 @@ class MuscleDesign:
         PAPER_DOMAIN.require_inside([[self.a_mm, self.b_mm]])
 
 
+class DrawnDesign(MuscleDesign):
+    """A design of a muscle with a drawing of its own, about which that muscle's own finite elements speak.
+
+    Raises:
+        ValueError: a length is not positive.
+    """
+
+    def __post_init__(self) -> None:
+        require_positive(self, "a_mm", "b_mm")
+
+
 INITIAL_DESIGN = MuscleDesign(a_mm=2.5, b_mm=2.0)
 """The paper's initial design, on which it measured; ``config/data/README.md`` says how it was found."""
 

@@ -82,6 +82,19 @@ class EndLaw:
         if any(table[0] != 0.0 for of in (self.psc, self.pdc) for table in of[:3]):
             raise ValueError("turn, length and shift of a joint must be 0 without pressure")
 
+    def scaled(self, size: float, modulus: float) -> EndLaw:
+        """Return the ends of a similar muscle, ``size`` times as large and of a ``modulus`` times as stiff silicone.
+
+        What is similar bends by the same angles at the same pressure over modulus; lengths go with the size,
+        compliances of bending with 1 / (modulus size^3) and of shear with 1 / (modulus size^2).
+        """
+        bending, shear = 1.0 / (modulus * size**3), 1.0 / (modulus * size**2)
+        psc, pdc = (
+            PatternEnds(of.turn_rad, size * of.length_m, size * of.shift_m, bending * of[3], shear * of[4])
+            for of in (self.psc, self.pdc)
+        )
+        return EndLaw(modulus * self.pressure_gauge_pa, psc, pdc)
+
     def joint(self, pressure_gauge_pa: ArrayLike) -> EndJoint:
         """Return the joint for the pressures (4,) of chambers 1 to 4; NaN where one is NaN.
 

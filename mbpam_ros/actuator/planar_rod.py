@@ -27,6 +27,10 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.optimize import newton
 
 from mbpam_ros.actuator.design import MuscleGeometry
@@ -35,6 +39,7 @@ from mbpam_ros.errors import MbpamError
 
 _STEPS = 12
 _GRAVITY_LEVELS = (0.25, 0.5, 0.75, 1.0)
+_AXIS_POINTS = 51
 
 
 class RodSolutionError(MbpamError, RuntimeError):
@@ -137,36 +142,116 @@ def shoot(
         stretch: of the axis.
         push_n, upright_n: N and T.
     """
-    end, sine, cosine = geometry.end_length_m, math.sin, math.cos
+    clamp_angle, rim_x, rim_z = _march(
+        tip_angle_rad,
+        moment_n_m,
+        compliance,
+        geometry.outer_radius_m,
+        geometry.end_length_m,
+        geometry.active_length_m,
+        weight_n_m,
+        stretch,
+        push_n,
+        upright_n,
+        _NOWHERE,
+    )
+    return Shot(clamp_angle, rim_x, rim_z)
+
+
+def upright_axis_m(
+    tip_angle_rad: float,
+    moment_n_m: float,
+    stiffness_n_m2: float,
+    geometry: MuscleGeometry,
+    stretch: AxisStretch = INEXTENSIBLE,
+    push_n: float = 0.0,
+    upright_n: float = 0.0,
+    gravity_m_s2: float = GRAVITY_M_S2,
+) -> NDArray[np.float64]:
+    """Return points (x, z) of the axis from clamp to tip, shape (51, 2) [m]; the arguments are a solution's."""
+    marched = np.empty((_STEPS + 1, 2))
+    weight = geometry.mass_per_length_kg_m * gravity_m_s2
+    end, active, radius = geometry.end_length_m, geometry.active_length_m, geometry.outer_radius_m
+    compliance = 1.0 / stiffness_n_m2
+    _march(tip_angle_rad, moment_n_m, compliance, radius, end, active, weight, stretch, push_n, upright_n, marched)
+    marched = (0.0, end) + (marched[-1] - marched[::-1])
+    way = np.append(0.0, np.cumsum(np.hypot(*np.diff(marched, axis=0).T)))
+    tip = np.array([math.sin(tip_angle_rad), math.cos(tip_angle_rad)])
+    active_axis = CubicSpline(way, marched, bc_type=((1, np.array([0.0, 1.0])), (1, tip)))
+    between = active_axis(np.linspace(0.0, way[-1], _AXIS_POINTS - 2))
+    axis: NDArray[np.float64] = np.concatenate([[[0.0, 0.0]], between, [between[-1] + end * tip]])
+    return axis
+
+
+_NOWHERE = np.empty((0, 2))
+
+
+@njit(cache=True)
+def _march(
+    tip_angle: float,
+    intrinsic: float,
+    compliance: float,
+    radius: float,
+    end: float,
+    active: float,
+    weight: float,
+    stretch: AxisStretch,
+    push: float,
+    upright: float,
+    passed: NDArray[np.float64],
+) -> tuple[float, float, float]:
+    """Angle at the clamp and place of the rim (x, z); SI units. Fills ``passed`` with each step's way from the rim."""
     straight, slope, yielding = stretch
-    step = geometry.active_length_m / _STEPS
+    step = active / _STEPS
     half = 0.5 * step
-    angle = tip_angle_rad
-    s, c = sine(angle), cosine(angle)
-    moment = moment_n_m + geometry.outer_radius_m * (push_n * s - upright_n * c)
-    moment += -end * (push_n * c + upright_n * s) + 0.5 * weight_n_m * end**2 * s
-    x, z = end * s + geometry.outer_radius_m * (c - 1.0), end * (1.0 + c) - geometry.outer_radius_m * s
-
-    def slopes(load: float, angle: float, moment: float) -> tuple[float, float, float, float]:
-        s, c = sine(angle), cosine(angle)
-        axial = -push_n * s - load * c
-        curvature = compliance * (moment + axial * slope)
-        stretched = straight + slope * curvature + yielding * axial
-        across, along = stretched * s, stretched * c
-        return -curvature, load * across - push_n * along, across, along
-
+    angle = tip_angle
+    s, c = math.sin(angle), math.cos(angle)
+    moment = intrinsic + radius * (push * s - upright * c)
+    moment += -end * (push * c + upright * s) + 0.5 * weight * end**2 * s
+    x, z = end * s + radius * (c - 1.0), end * (1.0 + c) - radius * s
     for index in range(_STEPS):
-        load = weight_n_m * (end + index * step) - upright_n
-        middle, there = load + weight_n_m * half, load + weight_n_m * step
-        a1, m1, x1, z1 = slopes(load, angle, moment)
-        a2, m2, x2, z2 = slopes(middle, angle + half * a1, moment + half * m1)
-        a3, m3, x3, z3 = slopes(middle, angle + half * a2, moment + half * m2)
-        a4, m4, x4, z4 = slopes(there, angle + step * a3, moment + step * m3)
+        if passed.shape[0] > 0:
+            passed[index, 0], passed[index, 1] = x, z
+        load = weight * (end + index * step) - upright
+        middle, there = load + weight * half, load + weight * step
+        a1, m1, x1, z1 = _slopes(load, angle, moment, intrinsic, compliance, push, straight, slope, yielding)
+        a2, m2, x2, z2 = _slopes(
+            middle, angle + half * a1, moment + half * m1, intrinsic, compliance, push, straight, slope, yielding
+        )
+        a3, m3, x3, z3 = _slopes(
+            middle, angle + half * a2, moment + half * m2, intrinsic, compliance, push, straight, slope, yielding
+        )
+        a4, m4, x4, z4 = _slopes(
+            there, angle + step * a3, moment + step * m3, intrinsic, compliance, push, straight, slope, yielding
+        )
         angle += step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
         moment += step / 6.0 * (m1 + 2.0 * m2 + 2.0 * m3 + m4)
         x += step / 6.0 * (x1 + 2.0 * x2 + 2.0 * x3 + x4)
         z += step / 6.0 * (z1 + 2.0 * z2 + 2.0 * z3 + z4)
-    return Shot(angle, x, z)
+    if passed.shape[0] > 0:
+        passed[_STEPS, 0], passed[_STEPS, 1] = x, z
+    return angle, x, z
+
+
+@njit(cache=True)
+def _slopes(
+    load: float,
+    angle: float,
+    moment: float,
+    intrinsic: float,
+    compliance: float,
+    push: float,
+    straight: float,
+    slope: float,
+    yielding: float,
+) -> tuple[float, float, float, float]:
+    """Slopes of angle, moment and place over the way from the tip."""
+    s, c = math.sin(angle), math.cos(angle)
+    axial = -push * s - load * c
+    curvature = compliance * (moment + axial * slope)
+    stretched = straight + slope * curvature + yielding * axial
+    across, along = stretched * s, stretched * c
+    return -curvature, load * across - push * along, across, along
 
 
 def _follow(

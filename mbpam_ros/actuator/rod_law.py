@@ -60,7 +60,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -329,6 +329,12 @@ class RodLaw:
             psc_side_stiffness_n_m2=self._psc_side * (psc_stiffness / self.psc_stiffness_n_m2),
         )
 
+    def stretched(self, factor: float) -> RodLaw:
+        """Return the law with its free stretch, and that stretch's slope, multiplied; as it is where it knows none."""
+        return replace(
+            self, psc_strains=_stretched(self.psc_strains, factor), pdc_strains=_stretched(self.pdc_strains, factor)
+        )
+
     def scaled_stiffness(
         self, pattern: str, pressure_gauge_pa: ArrayLike, nominal_factor: float, pdc_factor: float
     ) -> NDArray[np.float64]:
@@ -373,6 +379,14 @@ def _stiffened(strains: StrainLaw | None, factor: NDArray[np.float64]) -> Strain
     return strains._replace(
         axial_stiffness_n=factor * strains.axial_stiffness_n,
         torsion_stiffness_n_m2=factor * strains.torsion_stiffness_n_m2,
+    )
+
+
+def _stretched(strains: StrainLaw | None, factor: float) -> StrainLaw | None:
+    if strains is None:
+        return None
+    return strains._replace(
+        free_stretch=factor * strains.free_stretch, stretch_per_curvature_m=factor * strains.stretch_per_curvature_m
     )
 
 

@@ -50,7 +50,7 @@ RETRY_S = 0.25
 
 @dataclass
 class GraspResult:
-    """One row of the table: what was asked for, what was seen, what came of it."""
+    """One row of the table: what was asked for, what was seen, what came of it, what the hand itself says."""
 
     object: str
     mode: str
@@ -60,6 +60,7 @@ class GraspResult:
     held: bool
     rise_m: float
     close_s: float
+    hand_says: str
 
 
 def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress) -> GraspResult:
@@ -163,7 +164,10 @@ def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) 
     held = rise_m >= HELD_SHARE * height_m
     watcher.snapshot("lifted")
     outcome = "held" if held else "dropped"
+    hand_says = operator.ask(Trigger, "grasp/check")
+    watcher.event("grasp/check")
     progress.say(f"{name}: {outcome}, rose {1e3 * rise_m:.0f} of {1e3 * height_m:.0f} mm ({watcher.pace})")
+    progress.say(f"{name}: the hand says {hand_says}")
 
     operator.ask(Trigger, "plant/lower")
     wait_for(lambda: watcher.palm_rise_m < 1e-3, 30.0 + 10.0 * scene.lift.duration_s, "lowering")
@@ -186,6 +190,7 @@ def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) 
         held=held,
         rise_m=round(rise_m, 4),
         close_s=round(close_s, 3),
+        hand_says=hand_says,
     )
 
 
@@ -223,12 +228,13 @@ def _print_table(grasped: Sequence[tuple[Scene, GraspResult]]) -> None:
             f"held, {result.expected_mode}" if scene.name in PAPER_SCENES else "-",
             result.mode,
             f"{result.close_s:.2f}",
+            result.hand_says.partition(" that ")[0],
             f"{1e3 * result.rise_m:.0f}",
             "held" if result.held else "dropped",
         )
         for scene, result in grasped
     ]
-    head = ("object", "detected [mm]", "true [mm]", "paper", "mode", "close [s]", "rise [mm]", "result")
+    head = ("object", "detected [mm]", "true [mm]", "paper", "mode", "close [s]", "hand says", "rise [mm]", "result")
     print(table(head, rows))
 
 

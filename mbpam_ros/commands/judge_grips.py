@@ -3,8 +3,8 @@
     mbpam judge-grips --json FILE --grasps 200
     mbpam judge-grips --json FILE --grasps 200 --seed 7     another draw
 
-Sizes, masses, frictions and places are drawn. The arbiter is told the class of the mass (its heaviest) and of the
-friction (the next below). The exit status is 1 where a grasp that the mode's pressure holds is lost.
+Sizes, masses, frictions and places are drawn. The arbiter is told the classes of mass and of friction, the next below.
+The exit status is 1 where a grasp that the mode's pressure holds is lost.
 
 An interrupt (Ctrl-C) keeps what is finished; the same command goes on from there.
 """

@@ -18,18 +18,22 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mbpam_ros.actuator.calibration import Calibration, calibrate
+from mbpam_ros.actuator.calibration import Calibration
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FINGER_COUNT
 from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.actuator.elastic_rod import HANGING, FreeRods, RodsAtRest
 from mbpam_ros.actuator.equilibrium import holding_moment_n_m, resting_bend
-from mbpam_ros.actuator.metamodel import MusclePerformance, load_metamodel
+from mbpam_ros.actuator.hysteresis import felt_pressure
+from mbpam_ros.actuator.metamodel import load_metamodel
 from mbpam_ros.actuator.strains import check_strains
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.gripper import Gripper
 
 _SLOPE_STEP_PA = 250.0
 """Half width of the central difference of the bend against a pressure."""
+
+_HYSTERESIS_SHARE = 0.4
+"""Of the half width of a muscle's hysteresis: what it is not known by. Some of it is creep, that is, time."""
 
 # Pressure offsets of a finger for its slopes: + and - on each chamber; shape (8, 4).
 _PROBES_PA = _SLOPE_STEP_PA * np.vstack([np.eye(CHAMBERS_PER_FINGER), -np.eye(CHAMBERS_PER_FINGER)])
@@ -61,7 +65,8 @@ class GripperEstimate:
     """State of the four fingers. NaN in every field of a finger = it has no valid reading now.
 
     Args:
-        pressure_gauge_pa: the pressures it comes from, shape (4 fingers, 4 chambers).
+        pressure_gauge_pa: the pressures it comes from, as the muscles feel them
+            (:mod:`~mbpam_ros.actuator.hysteresis`), shape (4 fingers, 4 chambers).
         moment_n_m: intrinsic moment of the chambers in bend components, shape (4, 2).
         bend_rad, bend_rate_rad_s: bend components and their rates, shape (4, 2).
         gravity_m_s2: acceleration in ``gripper_base``, of all fingers, shape (3,).
@@ -85,7 +90,7 @@ class BendEstimator:
         calibration: the muscles' rod law and blocked force.
         geometry: of the muscles.
         finger_base_m: clamp points in ``gripper_base``, shape (4, 3).
-        performance: of the design; its relative error in theta_max is the model's share of the uncertainty.
+        bend_sigma: the model's share of the uncertainty: relative standard deviation of a bend.
         config: what a user may change.
 
     Raises:
@@ -97,7 +102,7 @@ class BendEstimator:
         calibration: Calibration,
         geometry: MuscleGeometry,
         finger_base_m: ArrayLike,
-        performance: MusclePerformance,
+        bend_sigma: float,
         config: EstimatorConfig,
     ) -> None:
         self._law, self._tip_force = calibration.law, calibration.tip_force
@@ -105,7 +110,8 @@ class BendEstimator:
         self._base = np.array(finger_base_m, dtype=float)
         if self._base.shape != (FINGER_COUNT, 3):
             raise ValueError(f"finger_base_m must have shape ({FINGER_COUNT}, 3), found {self._base.shape}")
-        self._relative_model_error = performance.theta_max_sigma_rad / performance.theta_max_rad
+        self._relative_model_error, self._least_model_error_rad = bend_sigma, calibration.least_bend_sigma_rad
+        self._hysteresis_pa = calibration.hysteresis_pa
         self._rods = FreeRods(self._law, geometry, config.strains)
         self._solved: tuple[GripperEstimate, RodsAtRest] | None = None
         self._arc_length = np.linspace(0.0, geometry.length_m, config.centreline_points)
@@ -114,17 +120,17 @@ class BendEstimator:
     @classmethod
     def for_gripper(cls, gripper: Gripper, config: EstimatorConfig) -> BendEstimator:
         """Build the estimator of a gripper with the metamodel and target it names."""
-        return cls(
-            calibrate(gripper.design, gripper.geometry, gripper.metamodel, gripper.target),
-            gripper.rod_geometry,
-            gripper.finger_base_m,
-            load_metamodel(gripper.metamodel).predict(gripper.design),
-            config,
-        )
+        calibration = gripper.calibration()
+        bend_sigma = calibration.bend_sigma
+        if bend_sigma is None:
+            performance = load_metamodel(gripper.metamodel).predict(gripper.design)
+            bend_sigma = performance.theta_max_sigma_rad / performance.theta_max_rad
+        return cls(calibration, gripper.rod_geometry, gripper.finger_base_m, bend_sigma, config)
 
     def reset(self) -> None:
         """Forget the past: the next valid reading of a finger finds it at rest in its equilibrium."""
         self._latest_time_s = -math.inf
+        self._felt_pa = np.full((FINGER_COUNT, CHAMBERS_PER_FINGER), np.nan)
         bends = (FINGER_COUNT, 2)
         self._followed = _Followed(np.full(FINGER_COUNT, np.nan), np.full(bends, np.nan), np.full(bends, np.nan))
 
@@ -151,16 +157,20 @@ class BendEstimator:
         if time_s < self._latest_time_s:
             self.reset()
         self._latest_time_s = time_s
-        pressure[~np.isfinite(pressure).all(axis=1)] = np.nan
+        is_known = np.isfinite(pressure).all(axis=1)
+        pressure[~is_known] = np.nan
+        pressure = felt_pressure(self._felt_pa, pressure, self._hysteresis_pa)
+        self._felt_pa[is_known] = pressure[is_known]
         moment, stiffness = self._law.moment_and_stiffness(pressure)
         equilibrium = resting_bend(moment, stiffness, self._geometry, gravity)
         bend, rate = _follow(self._followed, time_s, equilibrium, self._config.bend_time_constant_s)
         return GripperEstimate(pressure, moment, bend, rate, gravity)
 
     def bend_sigma_rad(self, estimate: GripperEstimate, variance_pa2: ArrayLike) -> NDArray[np.float64]:
-        """Return one standard deviation of the bend [rad], shape (4,): pressure noise and the metamodel's error.
+        """Return one standard deviation of the bend [rad], shape (4,): pressure noise and the model's error.
 
-        Root sum of squares of the noise through the equilibrium's slopes and of the metamodel's error. The noise moves
+        Root sum of squares of the noise, and of a share of the hysteresis, through the equilibrium's slopes and of the
+        model's error. The noise moves
         the bend vector both ways; its share is the root of the sum over both components and over the chambers, taken as
         independent. The lag's smoothing of the noise is not counted.
 
@@ -177,10 +187,11 @@ class BendEstimator:
         moment, stiffness = self._law.moment_and_stiffness(estimate.pressure_gauge_pa + _PROBES_PA[:, None, :])
         probes = resting_bend(moment, stiffness, self._geometry, estimate.gravity_m_s2)
         slope = (probes[:CHAMBERS_PER_FINGER] - probes[CHAMBERS_PER_FINGER:]) / (2.0 * _SLOPE_STEP_PA)
+        variance += (_HYSTERESIS_SHARE * self._hysteresis_pa) ** 2 * (estimate.pressure_gauge_pa > 0.0)
         noise = np.einsum("cfk,cfk,fc->f", slope, slope, variance)
         bend = estimate.bend_rad
         model = self._relative_model_error * np.hypot(bend[:, 0], bend[:, 1])
-        sigma: NDArray[np.float64] = np.sqrt(noise + model**2)
+        sigma: NDArray[np.float64] = np.sqrt(noise + model**2 + self._least_model_error_rad**2)
         return sigma
 
     def tips(self, estimate: GripperEstimate) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

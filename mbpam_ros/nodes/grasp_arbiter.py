@@ -51,7 +51,7 @@ PARAMETERS = (
     Parameter("modes", "modes.yaml", "mode file: bend azimuths of the four modes"),
     Parameter("grasp", "grasp.yaml", "grasp file: selection thresholds, grip pressures, times"),
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: with the model iso6358 the air tells what is held"),
-    Parameter("object_mass_kg", 0.0, "of the object to come, at most [kg]; 0: not known", 0.0, 10.0, changeable=True),
+    Parameter("object_mass_kg", 0.0, "mass of the object to come [kg]; 0: not known", 0.0, 10.0, changeable=True),
     Parameter("object_mass_class", "", "instead: light, medium or heavy; empty: not known", changeable=True),
     Parameter("object_friction", 0.0, "its friction [1], at least; 0: as in the grasp file", 0.0, 2.0, changeable=True),
     Parameter(
@@ -161,10 +161,9 @@ class GraspArbiterNode(GripperNode):
         return self._arbiter.request_auto(time_s)
 
     def _expected(self) -> Expected:
-        mass_kg, name = self.number("object_mass_kg"), self.text("object_mass_class")
-        if name:
-            mass_kg = self._mass_classes.named(name)
-        return Expected(mass_kg or None, self.number("object_friction") or None)
+        mass_kg, name = self.number("object_mass_kg") or None, self.text("object_mass_class")
+        lightest_kg, heaviest_kg = self._mass_classes.named(name) if name else (mass_kg, mass_kg)
+        return Expected(heaviest_kg, self.number("object_friction") or None, lightest_kg)
 
     def _on_valve_commands(self, message: JointState) -> None:
         try:

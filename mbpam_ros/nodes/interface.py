@@ -171,6 +171,20 @@ TOPICS = (
         ("grasp_arbiter",),
         latched=True,
     ),
+    Topic(
+        "scale/wrench",
+        "geometry_msgs/msg/WrenchStamped",
+        "force.z [N] on the plate of the measuring rig; the plant's scene rig alone sends it",
+        ("plant",),
+    ),
+    Topic(
+        "rig/mount",
+        _JOINTS,
+        "position of turn: azimuth of the muscle that bends to the right [rad], of plate: at the tip 1, away 0",
+        (),
+        ("plant",),
+        latched=True,
+    ),
     *(
         Topic(
             f"{node}/alive",

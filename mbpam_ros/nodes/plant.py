@@ -6,10 +6,10 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
+from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Vector3Stamped
+from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 from rclpy.clock import Clock as RosClock
 from rclpy.clock import ClockType
 from rosgraph_msgs.msg import Clock
@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
+from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.actuator.planar_rod import RodSolutionError
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
@@ -28,6 +28,7 @@ from mbpam_ros.nodes.markers import colour, finger_markers, solid_marker
 from mbpam_ros.nodes.messages import JointStateForm, MessageError, direction, named_values, time_stamp
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.plant_camera import PlantCamera
+from mbpam_ros.nodes.plant_rig import PlantRig, RigCamera
 from mbpam_ros.nodes.transforms import FRAME_PREFIX, Placed, TransformBroadcaster
 from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.planner import choose_fidelity
@@ -66,6 +67,9 @@ they still answer, but a sample may be lost between processes."""
 SUPPLY_TIMEOUT_S = 0.2
 """Without a command for so long the supply's valve shuts by itself, as the valves do sooner."""
 
+SCALE_EVERY = 10
+"""The scale of a rig shows something new every so many ticks."""
+
 SLOW_FACTOR = 0.95
 """Below this part of real time the health report warns."""
 
@@ -98,7 +102,7 @@ class PlantNode(GripperNode):
 
         self._frames = Frames(self.text("frame_prefix"))
         self._transforms = TransformBroadcaster(self)
-        self._camera = self._build_camera() if self.number("camera_rate_hz") > 0.0 else None
+        self._rig, self._camera = self._build_eyes()
         self._camera_every = max(1, round(self.number("rate_hz") / max(self.number("camera_rate_hz"), 1e-3)))
         self._markers_every = max(1, round(self.number("rate_hz") / self.number("marker_rate_hz")))
         self._transducers = self.create_publisher(JointState, "transducers", STREAM)
@@ -163,8 +167,16 @@ class PlantNode(GripperNode):
         except (ValueError, RodSolutionError) as error:
             raise ConfigError(f"{self.value('gripper')}: no rod law for this muscle: {error}") from error
 
-    def _build_camera(self) -> PlantCamera:
-        return PlantCamera(self, self._gripper, self._scene, self._frames.camera_optical)
+    def _build_eyes(self) -> tuple[PlantRig | None, PlantCamera | None]:
+        """Return the measuring rig, if the scene has one, and the camera, if there is to be one."""
+        config, with_camera = self._scene.rig, self.number("camera_rate_hz") > 0.0
+        optical = self._frames.camera_optical
+        scale = self.create_publisher(WrenchStamped, "scale/wrench", STREAM)
+        self.create_subscription(JointState, "rig/mount", self._on_mount, LATCHED)
+        if config is None:
+            return None, PlantCamera(self, self._gripper, self._scene, optical) if with_camera else None
+        rig = PlantRig(self, self._gripper, config, scale)
+        return rig, RigCamera(self, self._gripper, self._scene, optical, config.camera) if with_camera else None
 
     # Ticks
 
@@ -211,6 +223,14 @@ class PlantNode(GripperNode):
         except (MessageError, TierError) as error:
             self.refuse("gravity", error)
 
+    def _on_mount(self, message: JointState) -> None:
+        try:
+            if self._rig is None:
+                raise MessageError(f"scene {self._scene.name} has no rig; start the plant with scene:=rig")
+            self._rig.mount(message)
+        except MessageError as error:
+            self.refuse("rig/mount", error)
+
     def _tick(self) -> None:
         if self.failure is not None:
             return
@@ -225,7 +245,10 @@ class PlantNode(GripperNode):
             self.fail(error)
             return
         self._ticks, self._ticked_at_s = self._ticks + 1, time.monotonic()
-        self._publish_tick()
+        try:
+            self._publish_tick()
+        except RodSolutionError as error:
+            self.fail(f"the muscle in the rig has no equilibrium: {error}")
 
     def _publish_tick(self) -> None:
         if self._clock_topic is None:
@@ -233,9 +256,14 @@ class PlantNode(GripperNode):
         else:
             self._stamp = time_stamp(self._time_s())
             self._clock_topic.publish(Clock(clock=self._stamp))
+        if self._rig is not None:
+            self._rig.step(self._plant.pressure_gauge_pa[:CHAMBERS_PER_FINGER], self._dt_s)
+            if self._ticks % SCALE_EVERY == 0:
+                self._rig.weigh(self._stamp)
         if self._camera is not None:
             if self._ticks % self._camera_every == 0:
-                self._camera.expose(self._plant.observe(), self._stamp)
+                observation = self._plant.observe()
+                self._camera.expose(observation if self._rig is None else self._rig.seen(observation), self._stamp)
             self._camera.publish_finished(wait=self._lock_step)
         if self._ticks % self._markers_every == 0 and self._markers.get_subscription_count() > 0:
             self._publish_markers(self._plant.observe())

@@ -37,10 +37,13 @@ class PlantCamera:
         gripper: size of the fingers.
         scene: the objects and their support.
         frame: name of the optical frame.
+        camera: file of the camera instead of the parameter's.
     """
 
-    def __init__(self, node: GripperNode, gripper: Gripper, scene: Scene, frame: str) -> None:
-        config = load_camera_config(node.text("camera"))
+    def __init__(
+        self, node: GripperNode, gripper: Gripper, scene: Scene, frame: str, camera: str | None = None
+    ) -> None:
+        config = load_camera_config(camera or node.text("camera"))
         self._renderer = Renderer.from_config(config)
         self._rng = np.random.default_rng(node.whole("seed"))
         self._finger_radius_m = gripper.geometry.outer_radius_m

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mbpam_ros.actuator.calibration import Calibration
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FINGER_COUNT
-from mbpam_ros.actuator.rod_law import RodLaw
+from mbpam_ros.actuator.hysteresis import felt_pressure
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import load_config
 from mbpam_ros.errors import MbpamError
@@ -127,7 +128,7 @@ def build_plant(
         fidelity = choose_fidelity(scene, fidelity, gripper.geometry.length_m)
     return Plant(
         tier=build_tier(placed(scene, gripper, config, fidelity.contact), fidelity),
-        law=gripper.rod_law(),
+        calibration=gripper.calibration(),
         chambers=build_pneumatics(fidelity.pneumatics or pneumatics.model, pneumatics.chamber),
         pneumatics=pneumatics,
         lift=HandLift(scene.lift),
@@ -143,7 +144,7 @@ class Plant:
     def __init__(
         self,
         tier: Tier,
-        law: RodLaw,
+        calibration: Calibration,
         chambers: PneumaticModel,
         pneumatics: PneumaticsConfig,
         lift: HandLift,
@@ -152,7 +153,8 @@ class Plant:
         object_names: tuple[str, ...] = (),
     ) -> None:
         self._object_names = object_names
-        self._tier, self._law, self._chambers, self._lift = tier, law, chambers, lift
+        self._tier, self._law, self._chambers, self._lift = tier, calibration.law, chambers, lift
+        self._hysteresis_pa = calibration.hysteresis_pa
         self._pneumatics, self._seed = pneumatics, seed
         self.sub_step_s = sub_step_s
         self.reset()
@@ -164,6 +166,7 @@ class Plant:
         self._lift.reset()
         self._chambers.reset()
         self._pressure = self._chambers.pressure_gauge_pa
+        self._felt_pa = np.full((FINGER_COUNT, CHAMBERS_PER_FINGER), np.nan)
         self._tier.reset(self._actuation(self._pressure))
         self._transducer = Transducer(self._pneumatics.transducer, CHANNEL_COUNT, self._seed)
         supply_pa = self._pneumatics.chamber.supply_gauge_pa
@@ -179,6 +182,11 @@ class Plant:
     def transducer_v(self) -> Array:
         """The transducers' volts after the last step, shape (16,), without the cost of :meth:`observe`."""
         return self._volts.copy()
+
+    @property
+    def pressure_gauge_pa(self) -> Array:
+        """True chamber pressures after the last step, shape (16,), without the cost of :meth:`observe`."""
+        return self._pressure.copy()
 
     @property
     def hand_lift_m(self) -> float:
@@ -294,6 +302,7 @@ class Plant:
 
     def _actuation(self, pressure_gauge_pa: Array) -> Actuation:
         pressure = pressure_gauge_pa.reshape(FINGER_COUNT, CHAMBERS_PER_FINGER)
+        pressure = self._felt_pa = felt_pressure(self._felt_pa, pressure, self._hysteresis_pa)
         strain = self._law.strain_law(pressure) if self._tier.has_strain else None
         return Actuation(*self._law.moment_and_stiffness(pressure), strain)
 

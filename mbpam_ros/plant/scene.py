@@ -23,6 +23,7 @@ from mbpam_ros.geometry.rotations import about_z, product
 from mbpam_ros.geometry.solids import Shape
 from mbpam_ros.plant.fidelity import AUTO, FidelityRequest
 from mbpam_ros.plant.lift import LiftConfig
+from mbpam_ros.plant.rig import RigConfig
 
 PAPER_SCENES = ("tomato", "bulb", "banana", "tube", "carton")
 """Scenes of the paper's figure 10, in its order."""
@@ -132,6 +133,7 @@ class Scene:
             -z: it stands; supports stay level in ``gripper_base``. The tier static knows +z only.
         others: further objects, each with a name of its own; given with ``object``. A file lists them all, the one to
             grasp first, under ``objects`` instead of ``object`` and what belongs to it.
+        rig: the measuring rig that the muscle of finger 1 is mounted in; none: it is a finger.
     """
 
     name: str
@@ -146,6 +148,7 @@ class Scene:
     fingers_touch: bool = True
     gravity_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
     others: tuple[PlacedObject, ...] = ()
+    rig: RigConfig | None = None
 
     def __post_init__(self) -> None:
         length = math.hypot(*self.gravity_direction)

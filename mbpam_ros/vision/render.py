@@ -40,6 +40,20 @@ _DEPTH_REACH_M = 2.0
 _SAG_M = 5e-4  # centrelines are drawn as chords with no more sag than this
 
 
+@dataclass(frozen=True)
+class Lamp:
+    """What light falls on fingers and objects.
+
+    Args:
+        toward: direction from them to the lamp, in ``gripper_base``, of length 1.
+        ambient, diffuse: brightness without the lamp, and what it adds at right angles.
+    """
+
+    toward: tuple[float, float, float] = tuple(_LIGHT.tolist())
+    ambient: float = AMBIENT
+    diffuse: float = DIFFUSE
+
+
 class ViewError(MbpamError, ValueError):
     """A scene view that cannot be drawn: wrong shapes, sizes, or a floor above the support."""
 
@@ -90,6 +104,8 @@ class SceneView:
         support_centre_m: x and y of the stand's middle.
         floor_depth_m: z of the floor below a stand.
         support_rgb, floor_rgb, finger_rgb: colours, 0 to 1.
+        lamp: what light falls on fingers and objects; planes and shadows keep that of the default.
+        finger_sag_m: centre lines are drawn as chords that stay this near to them.
 
     Raises:
         ViewError: wrong shapes, or a floor above the support.
@@ -105,6 +121,8 @@ class SceneView:
     support_rgb: Colour = (0.115, 0.135, 0.165)
     floor_rgb: Colour = (0.095, 0.112, 0.137)
     finger_rgb: Colour = field(default=(0.80, 0.82, 0.84))
+    lamp: Lamp = Lamp()
+    finger_sag_m: float = _SAG_M
 
     def __post_init__(self) -> None:
         lines = self.finger_centrelines_m
@@ -268,7 +286,7 @@ class Renderer:
         _paint(image[window], distance[window], seen, t, surface_normals(body, points), solid.colour_rgb)
 
     def _draw_finger(self, image: NDArray, distance: NDArray, line: NDArray, view: SceneView) -> None:
-        line = chords(line, _SAG_M)
+        line = chords(line, view.finger_sag_m)
         stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
         for start, end, station in zip(line[:-1], line[1:], stations[:-1], strict=True):
             self._draw_capsule(image, distance, start, end, float(station), view)
@@ -291,9 +309,9 @@ class Renderer:
             _STRIPE,
             _WAVE_LENGTH_M,
             255.0 * np.array(view.finger_rgb),
-            _LIGHT.astype(float),
-            AMBIENT,
-            DIFFUSE,
+            np.array(view.lamp.toward, dtype=float),
+            view.lamp.ambient,
+            view.lamp.diffuse,
         )
 
     def _window(self, points_m: NDArray[np.float64], pad_px: int = 2) -> tuple[slice, slice] | None:

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbpam_ros import bounded_yaml
+from mbpam_ros.actuator.drawing import MuscleDrawing
 from mbpam_ros.actuator.named_designs import load_design
 from mbpam_ros.configuration import LARGEST_NUMBER, ConfigError, config_directory, load_config, load_yaml
 from mbpam_ros.estimation.estimator import EstimatorConfig
@@ -29,10 +30,13 @@ LOADERS = {
     "grasp.yaml": load_grasp_config,
     "gripper.yaml": load_gripper,
     "modes.yaml": load_modes,
+    "muscles/paper.yaml": lambda path: load_config(MuscleDrawing, path),
     "objects.yaml": load_objects,
+    "rig_camera.yaml": lambda path: Camera.from_config(load_camera_config(path)),
     "plant.yaml": lambda path: load_config(PlantConfig, path),
     "pneumatics.yaml": load_pneumatics,
     "scenes/bulb.yaml": load_scene,
+    "scenes/rig.yaml": load_scene,
     "silicones.yaml": load_silicones,
 }
 NO_LOADER = {"nodes.yaml"}  # ROS reads it
@@ -121,7 +125,11 @@ def test_a_camera_that_cannot_be_is_refused(tmp_path, old, new, expected):
 
 def test_every_shipped_file_is_tried_here():
     root = config_directory()
-    shipped = {path.name for path in root.glob("*.yaml")} | {"scenes/bulb.yaml"}
+    shipped = {path.name for path in root.glob("*.yaml")} | {
+        "scenes/bulb.yaml",
+        "scenes/rig.yaml",
+        "muscles/paper.yaml",
+    }
     assert shipped == set(LOADERS) | NO_LOADER
 
 

@@ -17,7 +17,7 @@ from mbpam_ros.nodes.interface import NODES
 from mbpam_ros.plant.scene import PAPER_SCENES, load_scene
 from mbpam_ros.terminal import Progress
 
-FIELDS = ["object", "mode", "expected_mode", "detected_size_m", "true_size_m", "held", "rise_m", "close_s"]
+FIELDS = ["object", "mode", "expected_mode", "detected_size_m", "true_size_m", "held", "rise_m", "close_s", "hand_says"]
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def grasps(monkeypatch):
                 raise NodeSystemError("closing: not within 10 s")
             mode, size_m = scene.object.expected_mode, list(scene.object.size_m)
             held = scene.name not in self.dropped
-            return GraspResult(scene.object.name, mode, mode, size_m, size_m, held, 0.1 * held, 0.58)
+            return GraspResult(scene.object.name, mode, mode, size_m, size_m, held, 0.1 * held, 0.58, "unknown")
 
     calls = Grasps()
     monkeypatch.setattr(demo, "grasp", calls)

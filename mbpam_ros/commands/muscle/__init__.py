@@ -1,0 +1,8 @@
+"""Your own muscle: a drawing in config/muscles, and what is found out about it.
+
+"mbpam muscle VERB --help" tells of one.
+"""
+
+from mbpam_ros.commands.verb import Verb
+
+VERBS = (Verb("calibrate", "factors on a muscle's law from the curves of the rig", "muscle.calibrate"),)
