@@ -127,8 +127,8 @@ def _text(name: str, folder: Path, built: BuiltMuscle, front: dict | None, ranks
     if front is not None:
         chosen = front["chosen"]
         lines.append(
-            f"front by {front['metamodel']}; chosen by {chosen['rule']}: a {chosen['a_mm']:.3f}, b {chosen['b_mm']:.3f} "
-            f"mm, {chosen['theta_deg']:.1f} deg, {chosen['f_n']:.3f} N"
+            f"front by {front['metamodel']}; chosen by {chosen['rule']}: a {chosen['a_mm']:.3f}, "
+            f"b {chosen['b_mm']:.3f} mm, {chosen['theta_deg']:.1f} deg, {chosen['f_n']:.3f} N"
         )
     for variable, of in ranks.items():
         lines.append(f"{variable}: rank correlation " + ", ".join(f"{what} {value:+.2f}" for what, value in of.items()))
