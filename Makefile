@@ -18,7 +18,7 @@ $(PYTHON) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13
 	{ echo "error: Python 3.10 to 3.13 is needed, found $$($(PYTHON) --version 2>&1 | head -n 1); name one: make PYTHON=python3.12" >&2; exit 1; }
 endef
 
-LEFT_TO_STUDY := --ignore test/unit/study/fe --ignore test/unit/study/design
+LEFT_TO_STUDY := --ignore test/unit/study/fe --ignore test/unit/study/design --ignore test/unit/study/muscle
 
 .PHONY: demo test test-study test-system check test-jazzy lint compiled docs bench clean
 
@@ -32,7 +32,7 @@ test: $(VENV)/test.stamp
 
 # Minutes of processor time for what is computed offline: finite elements and the design study.
 test-study: $(VENV)/test.stamp compiled
-	$(BIN)/python -m pytest --numprocesses 2 test/unit/study/fe test/unit/study/design
+	$(BIN)/python -m pytest --numprocesses 2 test/unit/study/fe test/unit/study/design test/unit/study/muscle
 
 # Minutes of waiting for what real processes do when they are treated badly; two hosts need the rights of root.
 test-system: $(VENV)/test.stamp compiled

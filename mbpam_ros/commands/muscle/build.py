@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
     make_folder_of(folder / "samples.json")
     with executor_for(options, 2 * (1 + plan.samples + plan.checks)) as executor:
         rows, failures = build.run_samples(drawing, plan, folder, executor, progress)
-        front = build.front_of(drawing, plan, rows, rule, executor, progress)
+        front = build.front_of(drawing, plan, rows, rule, folder, executor, progress)
         if front is not None:
             write_json(folder / "front.json", front)
         build.build_law(drawing, plan, folder, executor, progress)

@@ -14,6 +14,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +48,8 @@ DRAWN = "drawing"
 MOST_FAILED = 0.3
 """Share of the samples that may have no equilibrium."""
 
-FEWEST_SAMPLES = 8
-"""A cubic of two variables without its cross terms has eight coefficients (the paper's PRS)."""
+FEWEST_SAMPLES = 12
+"""The paper's polynomial has eight coefficients, and each sample is left out in turn."""
 
 UNKNOWN_MESH_SIGMA = 0.05
 """Relative deviation of a bend where the error of the mesh was not measured."""
@@ -183,6 +184,7 @@ def front_of(
     plan: BuildPlan,
     rows: Sequence[dict[str, Any]],
     rule: tuple[str, Rule],
+    folder: Path,
     executor: Executor,
     progress: Progress,
 ) -> dict[str, Any] | None:
@@ -204,15 +206,19 @@ def front_of(
     low, high = domain.bounds_mm
     inside = np.all((low <= checks.design_mm) & (checks.design_mm <= high), axis=1)
     checks = Samples(checks.design_mm[inside], {key: values[inside] for key, values in checks.responses.items()})
-    judged = {"left out": compare(training, None, executor=executor, progress=progress)}
+    judged = {
+        "left out": compare(training, None, "constant", "gaussian", executor, progress, folder / "left_out_runs.json")
+    }
     if len(checks.design_mm) >= 3:
-        judged["checks"] = compare(training, checks, executor=executor, progress=progress)
+        judged["checks"] = compare(
+            training, checks, "constant", "gaussian", executor, progress, folder / "checks_runs.json"
+        )
     best = min(judged["left out"], key=lambda name: _error(judged, name)).lower()
     responses = fitted_responses(best, training)
     truth = grid_front(responses.objectives, responses.domain, optimise_design.GRID)
     initial = reference_design(drawing.a_mm, drawing.b_mm, [samples_of(rows, DRAWN, None), training], responses)
     question = optimise_design.Question(best, training, responses, truth, initial)
-    runs, _ = optimise_design.run_all(question, [("mopso", plan.seed)], executor, progress)
+    runs, _ = optimise_design.run_all(question, [("mopso", plan.seed)], executor, progress, folder / "front_runs.json")
     rule_name, choose = rule
     result = optimise_design.result_json(best, runs, initial, rule_name, choose(runs[0].front))
     result["judged"] = {
@@ -284,7 +290,4 @@ def keep_built(drawing: MuscleDrawing, plan: BuildPlan, rows: Sequence[dict[str,
 
 
 def _row_text(row: dict[str, Any]) -> str:
-    return (
-        f"{row['name']}: a {row['a_mm']:g}, b {row['b_mm']:g}, c {row['c_mm']:g} mm, n {row['n']:g}: "
-        f"{row['theta_max_deg']:.1f} deg, {row['f_max_n']:.3f} N, wall stretched to {row['stretch_max']:.2f}"
-    )
+    return f"{row['name']}: {row['theta_max_deg']:.1f} deg, {row['f_max_n']:.3f} N, wall stretched to {row['stretch_max']:.2f}"

@@ -84,13 +84,13 @@ def moulds_of(drawing: MuscleDrawing, bed_mm: float = 220.0) -> Moulds:
     thinnest_wall = min(drawing.c_mm, drawing.b_mm)
     if thinnest_core < THINNEST_PRINT_MM:
         raise SolidError(
-            f"the cores are {thinnest_core:.2f} mm thick in the valleys, a printer makes {THINNEST_PRINT_MM:g}; make a, "
-            "b or c smaller"
+            f"the cores are {thinnest_core:.2f} mm thick in the valleys, a printer makes {THINNEST_PRINT_MM:g}; "
+            "make a, b or c smaller"
         )
     if min(thinnest_wall, h) < THINNEST_CAST_MM:
         raise SolidError(
-            f"the thinnest layer is {min(thinnest_wall, h):.2f} mm, liquid silicone fills {THINNEST_CAST_MM:g}; make b "
-            "or c larger"
+            f"the thinnest layer is {min(thinnest_wall, h):.2f} mm, liquid silicone fills {THINNEST_CAST_MM:g}; "
+            "make b or c larger"
         )
     body = outer_body(drawing)
     draft = math.radians(DRAFT_DEG)

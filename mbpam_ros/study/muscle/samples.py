@@ -60,16 +60,20 @@ def ranges_of(drawing: MuscleDrawing) -> dict[str, tuple[float, float]]:
 
 
 def designs_of(drawing: MuscleDrawing, unit_points: Array, names: Sequence[str], prefix: str) -> list[FeSample]:
-    """Return the designs at points of the unit cube over the variables ``names``; the others are the drawing's."""
+    """Return the designs at points of the unit cube over the variables ``names``; the others are the drawing's.
+
+    Each is named by what it is, so that another set of samples finds those that have been run.
+    """
     ranges = ranges_of(drawing)
     designs = []
-    for number, point in enumerate(unit_points, 1):
+    for point in unit_points:
         values = {"a_mm": drawing.a_mm, "b_mm": drawing.b_mm, "c_mm": drawing.c_mm, "n": drawing.wave_count}
         for name, share in zip(names, point, strict=True):
             low, high = ranges[name]
             value = low + float(share) * (high - low)
             values[name] = float(round(value)) if name == "n" else round(value, 4)
-        designs.append(FeSample(f"{prefix} {number}", values["a_mm"], values["b_mm"], values["c_mm"], values["n"]))
+        name = f"{prefix} " + ", ".join(f"{value:g}" for value in values.values())
+        designs.append(FeSample(name, values["a_mm"], values["b_mm"], values["c_mm"], values["n"]))
     return designs
 
 
