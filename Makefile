@@ -1,7 +1,5 @@
 # make demo   set everything up and grasp the paper's five objects: six node processes over real DDS on loopback
 # make test   set everything up, lint, and run all tests
-# make test-study   the tests of finite elements and of the design study
-# make test-system  kill, freeze and double node processes, spoil their wires, join two hosts
 # make check  lint and the fast unit tests in under a minute, while a change is made
 # make test-jazzy  run the node tests on the wheels of ROS 2 Jazzy
 # make docs   build the manual into build/docs; a warning is an error
@@ -18,25 +16,15 @@ $(PYTHON) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13
 	{ echo "error: Python 3.10 to 3.13 is needed, found $$($(PYTHON) --version 2>&1 | head -n 1); name one: make PYTHON=python3.12" >&2; exit 1; }
 endef
 
-LEFT_TO_STUDY := --ignore test/unit/study/fe --ignore test/unit/study/design --ignore test/unit/study/muscle
-
-.PHONY: demo test test-study test-system check test-jazzy lint compiled docs bench clean
+.PHONY: demo test check test-jazzy lint compiled docs bench clean
 
 demo: compiled
 	$(BIN)/mbpam demo $(DEMO_ARGS)
 
 # Node processes run one after another in one worker, which waits for half of its time: so three workers on two cores.
-test: $(VENV)/test.stamp
+test: $(VENV)/run.stamp
 	@$(MAKE) --no-print-directory --jobs 2 lint compiled
-	$(BIN)/python -m pytest --numprocesses 3 --dist loadgroup -m "not system" $(LEFT_TO_STUDY) test
-
-# Minutes of processor time for what is computed offline: finite elements and the design study.
-test-study: $(VENV)/test.stamp compiled
-	$(BIN)/python -m pytest --numprocesses 2 test/unit/study/fe test/unit/study/design test/unit/study/muscle
-
-# Minutes of waiting for what real processes do when they are treated badly; two hosts need the rights of root.
-test-system: $(VENV)/test.stamp compiled
-	$(BIN)/python -m pytest -m system test/integration
+	$(BIN)/python -m pytest --numprocesses 3 --dist loadgroup test
 
 # All day: studies, properties, running nodes and what is marked slow take five sixths of the time and wait for `test`.
 check: lint

@@ -31,6 +31,7 @@ from sensor_msgs.msg import Image, JointState
 from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
+from mbpam_ros.commands.result_arguments import result_file, result_folder
 from mbpam_ros.commands.workers import refuse_workers
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.interface import NODES
@@ -424,12 +425,14 @@ def _print_table(figures: Sequence[Figure]) -> None:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write machine and figures as JSON")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="write machine and figures as JSON")
     parser.add_argument("--scene", default="bulb", help="scene of the plant (default bulb)")
     parser.add_argument("--windows", type=int, default=5, help="windows of which the median counts (default 5)")
     parser.add_argument("--window-s", type=float, default=3.0, help="length of a CPU window [s] (default 3)")
     parser.add_argument("--calls", type=int, default=320, help="service calls, and set-points (default 320)")
-    parser.add_argument("--logs", type=Path, default=Path("report/bench"), metavar="DIR", help="output of the nodes")
+    parser.add_argument(
+        "--logs", type=result_folder, default=Path("report/bench"), metavar="DIR", help="output of the nodes"
+    )
     refuse_workers(parser)
 
 

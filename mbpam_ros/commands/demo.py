@@ -1,40 +1,48 @@
 """Six node processes on loopback grasp, lift and release the paper's objects, and the result is shown.
 
+Where the extra "record" is installed, each grasp is recorded in its folder, as by mbpam record.
 Exit status 0 only if every stage happened for every object and each object rose with the hand.
 """
 
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from mbpam_ros.commands.system import NodeProcesses, NodeSystemError, Operator, Service, exit_on_stop_signals  # isort: skip
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from domain_coordinator import domain_id
-from sensor_msgs.msg import CompressedImage, JointState
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import Marker
 
+from mbpam_ros.commands.recorder import Recorder
+from mbpam_ros.commands.result_arguments import result_file, result_folder
+from mbpam_ros.commands.watcher import Watcher
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.nodes.interface import NODES
-from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
+from mbpam_ros.nodes.message_definitions import definition
 from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
 from mbpam_ros.study.grasp.trial import HELD_SHARE, HOLD_S
-from mbpam_ros.study.grasp_report import GraspRecord, draw_report
+from mbpam_ros.study.grasp_report import draw_report
 from mbpam_ros.study.pictures import PictureError, require_matplotlib
+from mbpam_ros.study.recordings import RecordingWriter
 from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import Progress, table
 
 ALL = "all"
 """What stands for the paper's five objects on the command progress."""
+
+LEFT_OUT = ("camera/image_raw", "camera/depth/image_raw", *(f"{node}/alive" for node in NODES))
+"""Most of the bytes, and much of what costs time beside six processes."""
+
+RECORDING_BYTES = 10**9
 
 PATIENCE_S = 10.0
 RETRY_S = 0.25
@@ -42,7 +50,7 @@ RETRY_S = 0.25
 
 @dataclass
 class GraspResult:
-    """One row of the table: what was asked for, what was seen, what came of it."""
+    """One row of the table: what was asked for, what was seen, what came of it, what the hand itself says."""
 
     object: str
     mode: str
@@ -52,123 +60,7 @@ class GraspResult:
     held: bool
     rise_m: float
     close_s: float
-
-
-class Watcher:
-    """Listens to the running gripper and keeps the record of one grasp."""
-
-    def __init__(self, operator: Operator) -> None:
-        self.record = GraspRecord()
-        self.grasp: dict[str, str] = {}
-        self.detection: Marker | None = None
-        self.object_z_m = math.nan
-        self.palm_z_m = math.nan
-        self._least_real_time_factor = math.inf
-        self._lines: dict[int, list[list[float]]] = {}
-        self._object_start_z_m = math.nan
-        self._palm_start_z_m = math.nan
-        self._centre_m = np.full(3, math.nan)
-        self._start_s = time.monotonic()
-        subscribe = operator.node.create_subscription
-        subscribe(DiagnosticStatus, "grasp_state", self._on_grasp_state, LATCHED)
-        subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, STREAM)
-        subscribe(MarkerArray, "detections", self._on_detections, STREAM)
-        subscribe(CompressedImage, "detections/image", self._on_overlay, STREAM)
-        subscribe(JointState, "chamber_states", self._on_chamber_states, NEWEST)
-        subscribe(JointState, "joint_states", self._on_joint_states, NEWEST)
-        subscribe(MarkerArray, "plant/finger_markers", self._on_truth, STREAM)
-
-    @property
-    def elapsed_s(self) -> float:
-        """Time since the record began [s]."""
-        return time.monotonic() - self._start_s
-
-    @property
-    def rise_m(self) -> float:
-        """True rise of the object since :meth:`set_start` [m]."""
-        return self._object_start_z_m - self.object_z_m
-
-    @property
-    def palm_rise_m(self) -> float:
-        """True rise of the palm since :meth:`set_start` [m]."""
-        return self._palm_start_z_m - self.palm_z_m
-
-    @property
-    def greatest_pressure_pa(self) -> float:
-        """Greatest measured pressure now [Pa gauge]; 0 before the first valid reading."""
-        latest = self.record.pressure_gauge_pa[-1] if self.record.pressure_gauge_pa else np.zeros(1)
-        return float(np.max(latest, initial=0.0, where=np.isfinite(latest)))
-
-    @property
-    def pace(self) -> str:
-        """How slowly the plant has run in the grasp, in words; a machine too busy for real time causes faults."""
-        if math.isinf(self._least_real_time_factor):
-            return "the plant has not told its pace"
-        return f"the plant at {self._least_real_time_factor:.2f} of real time or more"
-
-    @property
-    def hears_everything(self) -> bool:
-        """Whether every topic of the record has spoken, with an object detected."""
-        record = self.record
-        spoken = record.overlay_jpeg and record.pressure_time_s and record.bend_time_s
-        return bool(spoken) and self.detection is not None and math.isfinite(self.object_z_m)
-
-    def set_start(self) -> None:
-        """Take the present heights of object and palm as zero of their rise."""
-        self._object_start_z_m, self._palm_start_z_m = self.object_z_m, self.palm_z_m
-
-    def event(self, name: str) -> None:
-        """Note that something happened now."""
-        self.record.events[name] = self.elapsed_s
-
-    def snapshot(self, name: str) -> None:
-        """Keep the true shapes as they are now."""
-        lines = np.array([self._lines[finger] for finger in sorted(self._lines)])
-        self.record.shapes[name] = lines, self._centre_m.copy()
-
-    def _on_grasp_state(self, state: DiagnosticStatus) -> None:
-        self.grasp = {item.key: item.value for item in state.values}
-
-    def _on_diagnostics(self, report: DiagnosticArray) -> None:
-        """Keep the least pace of the plant from the first report in a grasp on."""
-        if self.grasp.get("phase") not in ("closing", "holding"):
-            return
-        for status in report.status:
-            for item in status.values:
-                if item.key == "real_time_factor":
-                    self._least_real_time_factor = min(self._least_real_time_factor, float(item.value))
-
-    def _on_detections(self, message: MarkerArray) -> None:
-        found = [marker for marker in message.markers if marker.action == Marker.ADD]
-        if self.grasp.get("phase") == "idle" and found:
-            self.detection = max(found, key=lambda marker: marker.color.a)
-
-    def _on_overlay(self, message: CompressedImage) -> None:
-        if self.grasp.get("phase") == "idle" and self.detection is not None and not self.record.overlay_jpeg:
-            self.record.overlay_jpeg = bytes(message.data)
-
-    def _on_chamber_states(self, message: JointState) -> None:
-        self.record.pressure_time_s.append(self.elapsed_s)
-        self.record.pressure_gauge_pa.append(np.array(message.effort))
-
-    def _on_joint_states(self, message: JointState) -> None:
-        self.record.bend_time_s.append(self.elapsed_s)
-        self.record.bend_rad.append(np.array(message.position))
-
-    def _on_truth(self, message: MarkerArray) -> None:
-        for marker in message.markers:
-            if marker.ns == "finger":
-                self._lines[marker.id] = [[p.x, p.y, p.z] for p in marker.points]
-            elif marker.ns == "palm":
-                self.palm_z_m = marker.pose.position.z
-            elif marker.ns == "object":
-                position = marker.pose.position
-                self.object_z_m = position.z
-                self._centre_m = np.array([position.x, position.y, position.z])
-        if math.isfinite(self.rise_m):
-            self.record.object_time_s.append(self.elapsed_s)
-            self.record.object_rise_m.append(self.rise_m)
-            self.record.palm_rise_m.append(self.palm_rise_m)
+    hand_says: str
 
 
 def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress) -> GraspResult:
@@ -193,7 +85,8 @@ def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress) 
     with NodeProcesses(report / scene.name, arguments) as processes:
         operator = Operator("operator", idle=processes.check)
         try:
-            result = _stages(scene, operator, report, progress)
+            with _recorded(operator, report / scene.name / "grasp.mcap"):
+                result = _stages(scene, operator, report, progress)
         finally:
             operator.close()
         codes = processes.stop()
@@ -203,12 +96,27 @@ def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress) 
     return result
 
 
+@contextmanager
+def _recorded(operator: Operator, path: Path) -> Iterator[None]:
+    """Record, where mcap is installed, all that tells of the grasp."""
+    for old in path.parent.glob(f"{path.stem}*{path.suffix}"):
+        old.unlink()
+    try:
+        writer = RecordingWriter(path, definition, RECORDING_BYTES)
+    except ModuleNotFoundError:
+        yield
+        return
+    Recorder(operator.node, writer, left_out=LEFT_OUT)
+    with closing(writer):
+        yield
+
+
 def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) -> GraspResult:
     spec = scene.object
     if spec is None:
         raise NodeSystemError(f"scene {scene.name}: nothing to grasp")
     name = spec.label
-    watcher = Watcher(operator)
+    watcher = Watcher(operator.node)
 
     def wait_for(predicate: Callable[[], bool], timeout_s: float, what: str) -> None:
         def step() -> bool:
@@ -256,7 +164,10 @@ def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) 
     held = rise_m >= HELD_SHARE * height_m
     watcher.snapshot("lifted")
     outcome = "held" if held else "dropped"
+    hand_says = operator.ask(Trigger, "grasp/check")
+    watcher.event("grasp/check")
     progress.say(f"{name}: {outcome}, rose {1e3 * rise_m:.0f} of {1e3 * height_m:.0f} mm ({watcher.pace})")
+    progress.say(f"{name}: the hand says {hand_says}")
 
     operator.ask(Trigger, "plant/lower")
     wait_for(lambda: watcher.palm_rise_m < 1e-3, 30.0 + 10.0 * scene.lift.duration_s, "lowering")
@@ -279,6 +190,7 @@ def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) 
         held=held,
         rise_m=round(rise_m, 4),
         close_s=round(close_s, 3),
+        hand_says=hand_says,
     )
 
 
@@ -316,12 +228,13 @@ def _print_table(grasped: Sequence[tuple[Scene, GraspResult]]) -> None:
             f"held, {result.expected_mode}" if scene.name in PAPER_SCENES else "-",
             result.mode,
             f"{result.close_s:.2f}",
+            result.hand_says.partition(" that ")[0],
             f"{1e3 * result.rise_m:.0f}",
             "held" if result.held else "dropped",
         )
         for scene, result in grasped
     ]
-    head = ("object", "detected [mm]", "true [mm]", "paper", "mode", "close [s]", "rise [mm]", "result")
+    head = ("object", "detected [mm]", "true [mm]", "paper", "mode", "close [s]", "hand says", "rise [mm]", "result")
     print(table(head, rows))
 
 
@@ -339,8 +252,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--objects", nargs="+", default=[ALL], metavar="NAME", help="scenes or their files, or: all (default: all)"
     )
     parser.add_argument("--tier", choices=("arc", "rod"), default="rod", help="how muscles are computed (default: rod)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the table as JSON")
-    parser.add_argument("--report", type=Path, default=Path("report"), metavar="DIR", help="pictures and logs go here")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="write the table as JSON")
+    parser.add_argument(
+        "--report", type=result_folder, default=Path("report"), metavar="DIR", help="pictures and logs go here"
+    )
 
 
 def run(options: argparse.Namespace) -> int:

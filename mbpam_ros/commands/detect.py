@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import table
@@ -38,8 +39,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--depth", type=Path, metavar="FILE", help="depth image of the same moment")
     parser.add_argument("--depth-camera-info", type=Path, metavar="YAML", help="its calibration (default: the image's)")
     parser.add_argument("--background", type=Path, nargs="+", metavar="FILE", help="images of the empty table")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the detections go")
-    parser.add_argument("--overlay", type=Path, metavar="FILE", help="where the image with the detections drawn goes")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="where the detections go")
+    parser.add_argument(
+        "--overlay", type=result_file, metavar="FILE", help="where the image with the detections drawn goes"
+    )
     parser.add_argument(
         "--support-depth",
         type=float,

@@ -16,8 +16,8 @@ With --json, an interrupt (Ctrl-C) keeps the finished trials beside FILE; the sa
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.study.faults.draws import ROWS, row_named
 from mbpam_ros.study.faults.sound import S_PER_SPAN, sound_jobs, sound_row, sound_text, span_text
@@ -34,13 +34,13 @@ from mbpam_ros.study.faults.table import (
 )
 from mbpam_ros.study.faults.trial import trial_row
 from mbpam_ros.study.jobs import ResultFile, run_jobs, runs_beside
-from mbpam_ros.study.result_file import make_folder_of, write_json
+from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import Progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the table goes")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="where the table goes")
     parser.add_argument("--row", action="append", metavar="NAME", help="a row of the table, may be given again")
     parser.add_argument("--trials", type=int, default=20, metavar="N", help="in each row, phase and tier (default: 20)")
     parser.add_argument("--tier", choices=TIERS, help="how muscles are computed (default: both)")
@@ -71,8 +71,6 @@ def run(options: argparse.Namespace) -> int:
 
 def _use_a_sound_machine(options: argparse.Namespace, tiers: tuple[str, ...]) -> int:
     jobs = sound_jobs(options.sound, tiers)
-    if options.json is not None:
-        make_folder_of(options.json)
     kept = ResultFile(options.json, settings(), "spans", lambda row: row["job"])
     with executor_for(options, len(jobs)) as executor:
         run_jobs(jobs, sound_row, kept, executor, Progress(), span_text, s_per_job=S_PER_SPAN)

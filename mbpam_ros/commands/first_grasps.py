@@ -22,6 +22,7 @@ from domain_coordinator import domain_id
 from sensor_msgs.msg import JointState
 
 from mbpam_ros.commands.bench import machine
+from mbpam_ros.commands.result_arguments import result_folder
 from mbpam_ros.nodes.runtime import NEWEST
 
 START_S = 180.0
@@ -93,7 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("--starts", type=int, default=20, help="grasps, each after a start (default 20)")
     parser.add_argument("--busy", type=int, default=0, help="processes at full load beside it (default 0)")
-    parser.add_argument("--logs", type=Path, default=Path("report/first_grasps"), help="output of the nodes")
+    parser.add_argument("--logs", type=result_folder, default=Path("report/first_grasps"), help="output of the nodes")
 
 
 def run(options: argparse.Namespace) -> int:

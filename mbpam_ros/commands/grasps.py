@@ -18,10 +18,10 @@ import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from mbpam_ros.actuator.named_designs import INITIAL, load_design
 from mbpam_ros.actuator.strains import STRAINS
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
@@ -29,13 +29,12 @@ from mbpam_ros.plant.fidelity import FidelityRequest
 from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
 from mbpam_ros.study.grasp.grasp_study import S_PER_STUDY, grasp_row, grasp_values, result_text, row_text, settings
 from mbpam_ros.study.jobs import ResultFile, run_jobs
-from mbpam_ros.study.result_file import make_folder_of
 from mbpam_ros.terminal import Progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="where the figures go")
     parser.add_argument(
         "--design",
         nargs="+",
@@ -63,8 +62,6 @@ def run(options: argparse.Namespace) -> int:
         for scene, request in scenes
         for design, each in grippers.items()
     }
-    if options.json is not None:
-        make_folder_of(options.json)
     kept = ResultFile(
         options.json, settings(options.tier, scenes), "grasps", lambda row: f"{row['scene']}, {row['design']}"
     )

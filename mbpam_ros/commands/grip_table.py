@@ -13,8 +13,8 @@ An interrupt (Ctrl-C) keeps what is finished; the same command goes on from ther
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import FidelityRequest
@@ -22,7 +22,6 @@ from mbpam_ros.study.grasp import grip_table
 from mbpam_ros.study.grasp.empty_grasps import empty_rows
 from mbpam_ros.study.jobs import ResultFile, run_jobs
 from mbpam_ros.study.provenance import simulated_with
-from mbpam_ros.study.result_file import make_folder_of
 from mbpam_ros.terminal import Progress
 
 _SUB_STEP_S = 0.002
@@ -30,7 +29,7 @@ _SUB_STEP_S = 0.002
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--json", type=Path, metavar="FILE", required=True, help="where the table goes")
+    parser.add_argument("--json", type=result_file, metavar="FILE", required=True, help="where the table goes")
     parser.add_argument("--tier", choices=("arc", "rod"), default="rod", help="how muscles are computed (default: rod)")
     add_workers(parser)
 
@@ -47,7 +46,6 @@ def run(options: argparse.Namespace) -> int:
     }
     gripper = load_gripper()
     jobs = grip_table.jobs(request, gripper)
-    make_folder_of(options.json)
 
     def name_of(row: dict) -> str:
         return grip_table.row_name(row["mode"], row["width_m"], row["depth_m"], row["friction_coefficient"])

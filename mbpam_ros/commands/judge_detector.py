@@ -17,8 +17,8 @@ from __future__ import annotations
 import argparse
 import os
 from collections import defaultdict
-from pathlib import Path
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.configuration import config_path
 from mbpam_ros.study.judge.judge import Judged, contact_sheet, figures, judge_scenes, without_budget
 from mbpam_ros.study.judge.reliability_diagram import draw_reliability
@@ -43,12 +43,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--detector", default="detector.yaml", metavar="YAML", help="thresholds and weights")
     parser.add_argument("--all-the-time", action="store_true", help="without the budget of processor time")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="where the figures go")
     parser.add_argument(
-        "--fit", type=Path, metavar="YAML", help="where a detector file goes, its weights fitted to these images"
+        "--fit", type=result_file, metavar="YAML", help="where a detector file goes, its weights fitted to these images"
     )
-    parser.add_argument("--diagram", type=Path, metavar="FILE", help="where the reliability diagram goes")
-    parser.add_argument("--sheet", type=Path, metavar="FILE", help="where a picture of the worst images goes")
+    parser.add_argument("--diagram", type=result_file, metavar="FILE", help="where the reliability diagram goes")
+    parser.add_argument("--sheet", type=result_file, metavar="FILE", help="where a picture of the worst images goes")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -3,8 +3,8 @@
     mbpam judge-grips --json FILE --grasps 200
     mbpam judge-grips --json FILE --grasps 200 --seed 7     another draw
 
-Sizes, masses, frictions and places are drawn. The arbiter is told the class of the mass (its heaviest) and of the
-friction (the next below). The exit status is 1 where a grasp that the mode's pressure holds is lost.
+Sizes, masses, frictions and places are drawn. The arbiter is told the classes of mass and of friction, the next below.
+The exit status is 1 where a grasp that the mode's pressure holds is lost.
 
 An interrupt (Ctrl-C) keeps what is finished; the same command goes on from there.
 """
@@ -15,6 +15,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.configuration import config_path
 from mbpam_ros.grasp.arbitration import load_grasp_config
@@ -24,7 +25,6 @@ from mbpam_ros.plant.fidelity import FidelityRequest
 from mbpam_ros.study.grasp import compare_grips
 from mbpam_ros.study.jobs import ResultFile, run_jobs
 from mbpam_ros.study.provenance import file_digest, simulated_with
-from mbpam_ros.study.result_file import make_folder_of
 from mbpam_ros.terminal import Progress
 
 _SUB_STEP_S = 0.002
@@ -32,7 +32,7 @@ _SUB_STEP_S = 0.002
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--json", type=Path, metavar="FILE", required=True, help="where the figures go")
+    parser.add_argument("--json", type=result_file, metavar="FILE", required=True, help="where the figures go")
     parser.add_argument("--grasps", type=int, default=200, metavar="N", help="how many are drawn (default: 200)")
     parser.add_argument("--seed", type=int, default=compare_grips.SEED, help=f"default: {compare_grips.SEED}")
     parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE", help=f"of grip-table (default: {TABLE})")
@@ -51,7 +51,6 @@ def run(options: argparse.Namespace) -> int:
         "seed": options.seed,
         "fidelity": repr(request),
     }
-    make_folder_of(options.json)
     kept = ResultFile(options.json, settings, "grasps", lambda row: row["job"])
     jobs = {
         name: (name, options.seed, number, request, gripper, grasp)

@@ -17,6 +17,7 @@ import argparse
 import json
 from pathlib import Path
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.configuration import config_path
 from mbpam_ros.grasp.arbitration import load_grasp_config
@@ -27,7 +28,6 @@ from mbpam_ros.plant.fidelity import FidelityRequest
 from mbpam_ros.study.grasp import holding_trial, holding_verdict
 from mbpam_ros.study.jobs import ResultFile, run_jobs
 from mbpam_ros.study.provenance import file_digest, simulated_with
-from mbpam_ros.study.result_file import make_folder_of
 from mbpam_ros.terminal import Progress
 
 SEED = 701
@@ -36,7 +36,7 @@ _SUB_STEP_S = 0.002
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--json", type=Path, metavar="FILE", required=True, help="where the figures go")
+    parser.add_argument("--json", type=result_file, metavar="FILE", required=True, help="where the figures go")
     parser.add_argument("--grasps", type=int, default=200, metavar="N", help="how many are drawn (default: 200)")
     parser.add_argument("--seed", type=int, default=SEED, help=f"of the draw (default: {SEED})")
     parser.add_argument(
@@ -63,7 +63,6 @@ def run(options: argparse.Namespace) -> int:
         "valve_sigma": options.valve_sigma,
         "fidelity": repr(request),
     }
-    make_folder_of(options.json)
     kept = ResultFile(options.json, settings, "grasps", lambda row: row["job"])
     empty = load_empty_hand(options.table)
     jobs = {

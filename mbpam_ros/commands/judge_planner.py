@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.configuration import config_path
 from mbpam_ros.gripper import load_gripper
@@ -25,7 +26,6 @@ from mbpam_ros.plant.fidelity import TABLE, load_fidelity_table
 from mbpam_ros.study.fidelity import judgement
 from mbpam_ros.study.jobs import ResultFile, run_jobs
 from mbpam_ros.study.provenance import file_digest, simulated_with
-from mbpam_ros.study.result_file import make_folder_of
 from mbpam_ros.terminal import Progress
 
 _S_PER_SCENE = 40.0
@@ -33,7 +33,7 @@ _S_PER_SCENE = 40.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--json", type=Path, metavar="FILE", required=True, help="where the figures go")
+    parser.add_argument("--json", type=result_file, metavar="FILE", required=True, help="where the figures go")
     parser.add_argument("--scenes", type=int, default=60, metavar="N", help="how many are drawn (default: 60)")
     parser.add_argument("--seed", type=int, default=judgement.SEED, help=f"of the draw (default: {judgement.SEED})")
     parser.add_argument("--table", type=Path, default=TABLE, metavar="FILE", help="of the planner")
@@ -48,7 +48,6 @@ def run(options: argparse.Namespace) -> int:
         "table": file_digest(config_path(options.table)),
         "seed": options.seed,
     }
-    make_folder_of(options.json)
     kept = ResultFile(options.json, settings, "judged", lambda row: row["job"])
     jobs = {
         name: (name, options.seed, number, table, gripper)

@@ -41,6 +41,10 @@ VERBS = (
     Verb("optimise", "the designs that bend furthest and press hardest, and a compromise", "optimise", resumes=True),
     Verb("detect", "the objects in an image file: shape, size and place", "detect"),
     Verb("judge-detector", "how well objects are detected, on images drawn by MuJoCo and our own", "judge_detector"),
+    Verb("record", "record all topics of a gripper as MCAP", "record"),
+    Verb("replay", "let nodes live through a recording again", "replay"),
+    Verb("report", "the picture report of a grasp, from a recording", "report"),
+    Verb("urdf", "the gripper as a URDF, with meshes if asked for", "urdf"),
     Verb("compile", "compile all kernels ahead, so that no node does it when it starts", "compile"),
     Verb("bench", "CPU and latency of the running nodes, beside their budgets", "bench"),
     Verb("soak", "the gripper under random use, faults and repairs for a long time: what leaks, what is late", "soak"),
@@ -54,6 +58,7 @@ EXTRAS = {
     "mujoco": "bench",
     "felupe": "fem",
     "manifold3d": "cad",
+    "mcap": "record",
 }
 """Which extra of the package installs what a verb may miss."""
 

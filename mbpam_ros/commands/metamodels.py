@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from mbpam_ros.actuator.metamodel import CORRELATIONS, METAMODELS, TRAINING_TABLE, TRENDS, VALIDATION_TABLE
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.study.design.compare_metamodels import compare, expected_s, published_errors, table_text
@@ -35,14 +36,14 @@ from mbpam_ros.terminal import Progress, announce
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="where the picture goes (png, pdf or svg)")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="where the figures go")
+    parser.add_argument("--picture", type=result_file, metavar="FILE", help="where the picture goes (png, pdf or svg)")
     parser.add_argument("--training", type=Path, metavar="CSV", help="samples to fit (default: the paper's Table 1)")
     parser.add_argument(
         "--validation", type=Path, metavar="CSV", help="samples to judge on (default: leave each sample out)"
     )
     parser.add_argument("--leave-one-out", action="store_true", help="judge the paper's samples so, not on Table 2")
-    parser.add_argument("--map", type=Path, metavar="FILE", help="where the map of kriging's uncertainty goes")
+    parser.add_argument("--map", type=result_file, metavar="FILE", help="where the map of kriging's uncertainty goes")
     parser.add_argument("--trend", choices=TRENDS, default="constant", help="of kriging")
     parser.add_argument("--correlation", choices=CORRELATIONS, default="gaussian", help="of kriging")
     add_workers(parser, default=1)  # times are measured too

@@ -21,6 +21,7 @@ from pathlib import Path
 
 from mbpam_ros.actuator.design import INITIAL_DESIGN
 from mbpam_ros.actuator.metamodel import METAMODELS, TRAINING_TABLE, VALIDATION_TABLE
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.study.design import optimise_design
@@ -39,8 +40,8 @@ from mbpam_ros.terminal import Progress, announce
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the front and the figures go")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="where the picture goes (png, pdf or svg)")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="where the front and the figures go")
+    parser.add_argument("--picture", type=result_file, metavar="FILE", help="where the picture goes (png, pdf or svg)")
     parser.add_argument("--training", type=Path, metavar="CSV", help="samples to fit (default: the paper's Table 1)")
     parser.add_argument(
         "--metamodel",

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import refuse_workers
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
@@ -28,7 +28,7 @@ _FIXED_S, _S_PER_RUN = {BEND: 120.0, ALL_STRAINS: 100.0}, {BEND: 10.0, ALL_STRAI
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the ratios and details go")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="where the ratios and details go")
     parser.add_argument("--runs", type=int, default=7, help="interleaved runs of each pair (default: 7)")
     parser.add_argument(
         "--strains", choices=list(PARTS), action="append", help="what the muscles do; may be repeated (default: both)"

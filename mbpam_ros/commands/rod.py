@@ -29,6 +29,7 @@ from mbpam_ros.actuator.rod_law import finite_element_rod_law
 from mbpam_ros.actuator.strains import STRAINS, check_strains
 from mbpam_ros.actuator.yielding_ends import finite_element_uniform_law
 from mbpam_ros.commands.muscle_state import add_muscle_state, muscle_state
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.study.muscle_states import (
@@ -78,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KG/M",
         help="of active part and ends (default: as the states' file, or the gripper's)",
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the answer goes")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="where the answer goes")
 
 
 def run(options: argparse.Namespace) -> int:

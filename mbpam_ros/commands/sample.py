@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.study.design.latin_hypercube import S_PER_POINT
 from mbpam_ros.study.design.pictures import draw_sampling
@@ -30,9 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--count", type=int, default=21, metavar="N", help="number of designs (default: 21)")
     parser.add_argument("--seed", type=_seed, default=0, help="equal seeds give equal designs (default: 0)")
     parser.add_argument("--restarts", type=int, default=8, metavar="N", help="designs to choose from (default: 8)")
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="where the designs go")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where designs and figures go")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="where the picture goes (png, pdf or svg)")
+    parser.add_argument("--csv", type=result_file, metavar="FILE", help="where the designs go")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="where designs and figures go")
+    parser.add_argument("--picture", type=result_file, metavar="FILE", help="where the picture goes (png, pdf or svg)")
     add_workers(parser)
 
 

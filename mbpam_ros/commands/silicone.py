@@ -21,8 +21,9 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.configuration import ConfigError
-from mbpam_ros.study.result_file import make_folder_of, write_json
+from mbpam_ros.study.result_file import write_json
 from mbpam_ros.study.silicone.fit import GOOD_R2, Fit, fit_all
 from mbpam_ros.study.silicone.hyperelastic import MODELS
 from mbpam_ros.study.silicone.known import load_silicones
@@ -51,8 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--columns", metavar="NAMES", help="of the columns, in place of those in the file")
     for size in ("width", "thickness", "length"):
         parser.add_argument(f"--{size}-mm", type=float, metavar="MM", help=f"{size} of the specimen")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the constants go")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="where the picture goes (png, pdf or svg)")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="where the constants go")
+    parser.add_argument("--picture", type=result_file, metavar="FILE", help="where the picture goes (png, pdf or svg)")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -62,8 +63,6 @@ def run(options: argparse.Namespace) -> int:
     if options.known:
         print(_known_text())
         return 0
-    for path in filter(None, (options.json, options.picture)):
-        make_folder_of(path)
     specimen = Specimen(options.width_mm, options.thickness_mm, options.length_mm)
     tests = [read_tensile_test(path, specimen, options.columns) for path in options.tests]
     mean = mean_of(tests)

@@ -31,6 +31,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from mbpam_ros.commands.bench import machine
+from mbpam_ros.commands.result_arguments import result_file, result_folder
 from mbpam_ros.grasp.modes import MODE_NAMES
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.interface import NODES
@@ -245,9 +246,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("--minutes", type=float, default=10.0, metavar="M", help="of the wall clock (default 10)")
     parser.add_argument("--seed", type=int, default=0, help="of everything drawn (default 0)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the result goes")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="where the result goes")
     parser.add_argument("--simulated-only", action="store_true", help="all of the time in simulated time, no nodes")
-    parser.add_argument("--logs", type=Path, default=Path("report/soak"), help="output of the nodes")
+    parser.add_argument("--logs", type=result_folder, default=Path("report/soak"), help="output of the nodes")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -20,18 +20,17 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.study import stability_map
 from mbpam_ros.study.jobs import ResultFile, run_jobs
-from mbpam_ros.study.result_file import make_folder_of
 from mbpam_ros.terminal import PATIENCE_S, Progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the cells go")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="where the cells go")
     parser.add_argument("--quick", action="store_true", help="a coarse map")
     add_workers(parser)
 
@@ -42,8 +41,6 @@ def run(options: argparse.Namespace) -> int:
         stability_map.QUICK_STEPS_S if options.quick else stability_map.STEPS_S,
         stability_map.QUICK_STIFFNESSES_N_M if options.quick else stability_map.STIFFNESSES_N_M,
     )
-    if options.json is not None:
-        make_folder_of(options.json)
     kept = ResultFile(options.json, stability_map.settings(), "cells", stability_map.row_name)
     progress = Progress(sys.stderr, silent=stability_map.S_PER_CELL * len(jobs) <= PATIENCE_S)
     with executor_for(options, len(jobs)) as executor:

@@ -35,6 +35,17 @@ class NodeSystemError(MbpamError, RuntimeError):
     """A node process ended unexpectedly, or something awaited did not happen in time."""
 
 
+Launch = Callable[[list[str], Path, dict[str, str]], "subprocess.Popen[bytes]"]
+"""Makes a process of an executable and its arguments; a file takes its output; with all variables."""
+
+
+def launch_executable(arguments: list[str], log: Path, environment: dict[str, str]) -> subprocess.Popen[bytes]:
+    """Start an executable in a Python of its own."""
+    command = [sys.executable, "-m", "mbpam_ros.nodes", *arguments]
+    with log.open("ab") as output:
+        return subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT, env=environment)
+
+
 class NodeProcesses:
     """Node executables as processes; stops them when the ``with`` block ends.
 
@@ -44,6 +55,7 @@ class NodeProcesses:
         common: ROS arguments for all, e.g. ``["-r", "__ns:=/left"]``.
         executables: which to start.
         environment: variables on top of this process's.
+        launch: how a process is started.
     """
 
     def __init__(
@@ -53,7 +65,9 @@ class NodeProcesses:
         common: Sequence[str] = (),
         executables: Sequence[str] = NODES,
         environment: Mapping[str, str] | None = None,
+        launch: Launch = launch_executable,
     ) -> None:
+        self._launch = launch
         self._log_directory = log_directory
         self._arguments = arguments or {}
         self._common = list(common)
@@ -73,11 +87,7 @@ class NodeProcesses:
     def start(self, executable: str) -> None:
         """Start (again) one executable."""
         ros = ["--ros-args", *self._common, *self._arguments.get(executable, ())]
-        command = [sys.executable, "-m", "mbpam_ros.nodes", executable, *ros]
-        with self.log(executable).open("ab") as log:
-            self.processes[executable] = subprocess.Popen(
-                command, stdout=log, stderr=subprocess.STDOUT, env=self._environment
-            )
+        self.processes[executable] = self._launch([executable, *ros], self.log(executable), self._environment)
 
     def log(self, executable: str) -> Path:
         """Return the log file of an executable."""

@@ -23,8 +23,8 @@ import argparse
 import dataclasses
 from collections.abc import Mapping
 from datetime import date
-from pathlib import Path
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.configuration import config_directory
 from mbpam_ros.gripper import load_gripper
@@ -47,7 +47,7 @@ _S_PER_RUN, _S_PER_SCENE, _S_OF_COSTS = 0.5, 20.0, 300.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--json", type=Path, metavar="FILE", required=True, help="where the rows go")
+    parser.add_argument("--json", type=result_file, metavar="FILE", required=True, help="where the rows go")
     parser.add_argument("--quick", action="store_true", help="a subset, in less than a minute")
     parser.add_argument(
         "--strains",
@@ -58,7 +58,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scenes", type=int, metavar="N", help=f"drawn to make promises from (default: {SCENES}; none with --quick)"
     )
     parser.add_argument(
-        "--table", type=Path, metavar="FILE", help="planner's table (default: the one it reads; none with --quick)"
+        "--table",
+        type=result_file,
+        metavar="FILE",
+        help="planner's table (default: the one it reads; none with --quick)",
     )
     add_workers(parser)
 

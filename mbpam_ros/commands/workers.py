@@ -30,7 +30,7 @@ class _Refused(argparse.Action):
 
 def refuse_workers(parser: argparse.ArgumentParser) -> None:
     """Refuse ``--workers`` and ``--dask`` with the reason, where processor time is what is measured."""
-    why = "this verb measures time, so its runs follow each other in one process, on this machine"
+    why = "this verb measures time, so its runs follow each other at once, in one process, on this machine"
     for argument in ("--workers", "--dask"):
         parser.add_argument(argument, action=_Refused, const=why, metavar="X", help=f"refused: {why}")
 

@@ -244,8 +244,6 @@ _JUDGE_EVERY_S = 0.5
 
 _OPEN = _Situation(Phase.IDLE, Source.NONE, Air.REGULATE, "open")
 _GRASPING = (Phase.CLOSING, Phase.HOLDING)
-_FOREIGN_S = 1.0
-"""After set-points of another, no grasp begins for this long."""
 _AT_THE_VALVES = "vented at the valves: "
 
 
@@ -302,8 +300,6 @@ class Arbiter:
         self._unhealthy: dict[str, str] = {}
         self._findings: tuple[Finding, ...] = ()
         self._late_s, self._late_until_s = 0.0, -math.inf
-        self._own_setpoints: list[NDArray[np.float64]] = []
-        self._foreign_until_s = -math.inf
         self._situation = _OPEN
         self._informed = False
         self._since_s = 0.0
@@ -386,14 +382,6 @@ class Arbiter:
         """Take what is wrong with channels and supply, all of it; what is not among it any more has gone."""
         self._findings = tuple(findings)
         self._update(time_s)
-
-    def observe_setpoints(self, time_s: float, setpoint_gauge_pa: ArrayLike) -> None:
-        """Take set-points, shape (16,) [Pa gauge], as the valves get them: those of another stop a grasp."""
-        self._advance(time_s)
-        setpoint_pa = np.asarray(setpoint_gauge_pa, dtype=float)
-        own = (self._setpoint_pa, *self._own_setpoints)
-        if self._informed and not any(np.array_equal(setpoint_pa, each) for each in own):
-            self._foreign_until_s = self._time_s + _FOREIGN_S
 
     def observe_vent(self, time_s: float, reason: str) -> None:
         """Take notice that a vent is latched at the valves: by whoever, or from before this arbiter was started."""
@@ -611,7 +599,6 @@ class Arbiter:
         self._enter(replace(self._situation, phase=Phase.FAULT, source=Source.SAFETY, air=air, reason=cause))
 
     def _enter(self, situation: _Situation) -> None:
-        self._own_setpoints = [*self._own_setpoints[-2:], self._setpoint_pa]  # may still be under way
         if situation.air is Air.VENT or situation.phase in (Phase.IDLE, Phase.RELEASING):
             self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
             situation = replace(situation, grasp_pose=None)
@@ -646,8 +633,6 @@ class Arbiter:
 
     def _ill_health(self) -> str | None:
         ill = [f"{source}: {message or 'fault'}" for source, message in self._unhealthy.items()]
-        if self._time_s < self._foreign_until_s:
-            ill.append("set-points of another than this arbiter reach the valves; is there a second one?")
         return "; ".join(ill) or None
 
     def _found(self) -> str | None:

@@ -66,6 +66,7 @@ RESPONSES: dict[Fault, dict[Phase, Response]] = {
     Fault.JUMPED: _row(_ON, _VENT, _HOLD, _ON),
     Fault.SWAPPED: _row(_ON, _VENT, _HOLD, _ON),
     Fault.RISES: _row(_VENT, _VENT, _CUT, _VENT),
+    Fault.LEAKS_IN: _row(_VENT, _VENT, _ON, _VENT),
     Fault.LEAK: _row(_ON, _ON, _ON, _ON),
     Fault.LEAK_OR_DRIFT: _row(_ON, _ON, _ON, _ON),
     Fault.DRIFT: _row(_ON, _VENT, _HOLD, _ON),

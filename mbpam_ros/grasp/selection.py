@@ -266,7 +266,7 @@ class ModeSelector:
         if self._grip is None:
             return None
         friction = expected.friction_coefficient or self._config.friction_coefficient
-        return self._grip.pressure_gauge_pa(mode, footprint.width_m, target.position_m[2], expected.mass_kg, friction)
+        return self._grip.pressure_gauge_pa(mode, footprint.width_m, target.position_m[2], friction, expected)
 
     def _mode_for(self, target: DetectedObject, footprint: _Footprint) -> tuple[str, str]:
         if footprint.axis_azimuth_rad is None:

@@ -19,6 +19,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
+from mbpam_ros.description.frames import Frames
 from mbpam_ros.grasp.arbitration import (
     Decision,
     Phase,
@@ -34,10 +35,11 @@ from mbpam_ros.grasp.watch import HealthWatch
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.answering import Reply
 from mbpam_ros.nodes.heartbeat import SILENCE_S, Instance, places
-from mbpam_ros.nodes.markers import BASE_FRAME, SHAPES, hidden_lengths
+from mbpam_ros.nodes.markers import SHAPES, hidden_lengths
 from mbpam_ros.nodes.messages import MessageError, findings_in, joint_state, named_values, pose, pose_arrays, seconds
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.stamps import CLOCK_TOLERANCE, StampClock, stamp_age
+from mbpam_ros.nodes.transforms import FRAME_PREFIX
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.findings import SUPPLY
 
@@ -49,13 +51,20 @@ PARAMETERS = (
     Parameter("modes", "modes.yaml", "mode file: bend azimuths of the four modes"),
     Parameter("grasp", "grasp.yaml", "grasp file: selection thresholds, grip pressures, times"),
     Parameter("pneumatics", "pneumatics.yaml", "pneumatics file: with the model iso6358 the air tells what is held"),
-    Parameter("object_mass_kg", 0.0, "of the object to come, at most [kg]; 0: not known", 0.0, 10.0, changeable=True),
+    Parameter("object_mass_kg", 0.0, "mass of the object to come [kg]; 0: not known", 0.0, 10.0, changeable=True),
     Parameter("object_mass_class", "", "instead: light, medium or heavy; empty: not known", changeable=True),
     Parameter("object_friction", 0.0, "its friction [1], at least; 0: as in the grasp file", 0.0, 2.0, changeable=True),
+    Parameter(
+        "wait_for_result",
+        False,
+        "grasp/auto and the modes answer once the grasp holds, or has failed; else once it has begun",
+        changeable=True,
+    ),
     Parameter("pressure_sensor_node", "pressure_sensor", "name of the node that senses the pressures"),
     Parameter("valve_controller_node", "valve_controller", "name of the node that moves the valves"),
     Parameter("object_detector_node", "object_detector", "name of the node that sees the objects"),
     Parameter("tick_rate_hz", 50.0, "rate of the state machine [Hz]", 5.0, 1000.0),
+    FRAME_PREFIX,
     CLOCK_TOLERANCE,
 )
 
@@ -75,6 +84,7 @@ class GraspArbiterNode(GripperNode):
 
     def __init__(self, **node_options: Unpack[NodeOptions]) -> None:
         super().__init__("grasp_arbiter", PARAMETERS, **node_options)
+        self._frame = Frames(self.text("frame_prefix")).base
         gripper = load_gripper(self.text("gripper"))
         config = load_grasp_config(self.text("grasp"))
         modes = load_modes(self.text("modes"))
@@ -110,8 +120,8 @@ class GraspArbiterNode(GripperNode):
         self.create_subscription(MarkerArray, "detections", self._on_detections, STREAM)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 20)
         for mode in MODE_NAMES:
-            self._serve(f"grasp/{mode}", partial(self._arbiter.request_mode, mode))
-        self._serve("grasp/auto", self._on_auto)
+            self._serve_grasp(f"grasp/{mode}", partial(self._arbiter.request_mode, mode))
+        self._serve_grasp("grasp/auto", self._on_auto)
         self._serve("grasp/release", self._arbiter.release)
         self._serve("grasp/check", self._arbiter.check)
         if holding.listens_to_air:
@@ -151,10 +161,9 @@ class GraspArbiterNode(GripperNode):
         return self._arbiter.request_auto(time_s)
 
     def _expected(self) -> Expected:
-        mass_kg, name = self.number("object_mass_kg"), self.text("object_mass_class")
-        if name:
-            mass_kg = self._mass_classes.named(name)
-        return Expected(mass_kg or None, self.number("object_friction") or None)
+        mass_kg, name = self.number("object_mass_kg") or None, self.text("object_mass_class")
+        lightest_kg, heaviest_kg = self._mass_classes.named(name) if name else (mass_kg, mass_kg)
+        return Expected(heaviest_kg, self.number("object_friction") or None, lightest_kg)
 
     def _on_valve_commands(self, message: JointState) -> None:
         try:
@@ -189,6 +198,26 @@ class GraspArbiterNode(GripperNode):
             return self._said(name, request(self.now_s()))
 
         self.serve(Trigger, name, answer)
+
+    def _serve_grasp(self, name: str, request: Callable[[float], Answer]) -> None:
+        """Answer at once, or where ``wait_for_result`` says so with what became of the grasp."""
+
+        def answer(_: Trigger.Request, reply: Reply) -> None:
+            begun = self._said(name, request(self.now_s()))
+            if begun.accepted and self.value("wait_for_result"):
+                self._await(partial(self._told_result, reply))
+            else:
+                reply(begun)
+
+        self.serve_later(Trigger, name, answer)
+
+    def _told_result(self, reply: Reply) -> bool:
+        """Reply that the grasp holds, or why it does not; return False while it closes."""
+        if self._decision is None or self._decision.phase is Phase.CLOSING:
+            return False
+        phase, reason = self._decision.phase, self._decision.reason
+        reply(Answer(phase is Phase.HOLDING, f"{phase.value}: {reason}"))
+        return True
 
     def _said(self, name: str, answer: Answer) -> Answer:
         """Log an answer, and let the state machine act upon the request before it is given."""
@@ -300,7 +329,7 @@ class GraspArbiterNode(GripperNode):
         if self._decision.grasp_pose is not None:
             target = self._decision.grasp_pose
             wrist = PoseStamped(pose=pose(target.position_m, target.orientation_xyzw))
-            wrist.header.stamp, wrist.header.frame_id = stamp, BASE_FRAME
+            wrist.header.stamp, wrist.header.frame_id = stamp, self._frame
             self._pose.publish(wrist)
         self.publish_health_change()
 
@@ -337,7 +366,8 @@ class GraspArbiterNode(GripperNode):
             if stamps_s:
                 now_s, tolerance_s = seconds(self.now_stamp()), self.number("clock_tolerance_s")
                 age_s = stamp_age(min(stamps_s), now_s, self._detection_stale_s, tolerance_s)
-            objects = [_detected_object(marker) for marker in message.markers if marker.action == Marker.ADD]
+            added = [marker for marker in message.markers if marker.action == Marker.ADD]
+            objects = [_detected_object(marker, self._frame) for marker in added]
         except (MessageError, ValueError) as error:
             self.refuse("detections", error)
             return
@@ -355,9 +385,9 @@ class GraspArbiterNode(GripperNode):
         self.publish_health_change()
 
 
-def _detected_object(marker: Marker) -> DetectedObject:
-    if marker.header.frame_id != BASE_FRAME:
-        raise MessageError(f"frame {marker.header.frame_id!r}; detections must be in {BASE_FRAME}")
+def _detected_object(marker: Marker, frame: str) -> DetectedObject:
+    if marker.header.frame_id != frame:
+        raise MessageError(f"frame {marker.header.frame_id!r}; detections must be in {frame}")
     if marker.type not in SHAPES:
         raise MessageError(f"marker type {marker.type} is none of {', '.join(SHAPES.values())}")
     position, orientation = pose_arrays(marker.pose)

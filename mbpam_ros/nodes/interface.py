@@ -107,6 +107,13 @@ TOPICS = (
         "finger_i_bend_x, _y: position [rad], velocity [rad/s], effort [N m]; NaN = not known",
         ("state_estimator",),
     ),
+    Topic(
+        "robot_description",
+        "std_msgs/msg/String",
+        "URDF: fingers as chains that joint_states moves; links carry frame_prefix",
+        ("state_estimator",),
+        latched=True,
+    ),
     Topic("finger_tips", "geometry_msgs/msg/PoseArray", "tip poses in gripper_base", ("state_estimator",)),
     Topic(
         "finger_forces",
@@ -189,7 +196,8 @@ TOPICS = (
         for node in NODES
     ),
 )
-"""All but ``/diagnostics``, on which every node reports its health, and the plant's ``/clock``."""
+"""All but ``/diagnostics``, on which every node reports its health, the plant's ``/clock``, and, where tf2_msgs is
+installed, ``/tf`` and ``/tf_static``."""
 
 SERVICES = (
     *(Service(f"grasp/{mode}", TRIGGER, "grasp_arbiter", f"close in the mode {mode}") for mode in MODE_NAMES),

@@ -13,12 +13,6 @@ from visualization_msgs.msg import Marker
 from mbpam_ros.geometry.solids import Shape
 from mbpam_ros.nodes.messages import point, pose
 
-BASE_FRAME = "gripper_base"
-"""Origin in the palm's centre, z out of the palm along the hanging fingers."""
-
-WORLD_FRAME = "world"
-"""``gripper_base`` as it stood at the start; it stays when the hand is lifted (along -z)."""
-
 MARKER_TYPES: dict[Shape, int] = {"sphere": Marker.SPHERE, "cylinder": Marker.CYLINDER, "box": Marker.CUBE}
 SHAPES = {marker_type: shape for shape, marker_type in MARKER_TYPES.items()}
 

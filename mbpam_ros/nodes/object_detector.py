@@ -24,10 +24,12 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
+from mbpam_ros.description.frames import Frames
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.nodes.markers import BASE_FRAME, colour, delete_all, mark_hidden_lengths, solid_marker
+from mbpam_ros.nodes.markers import colour, delete_all, mark_hidden_lengths, solid_marker
 from mbpam_ros.nodes.messages import seconds
 from mbpam_ros.nodes.parameters import Parameter
+from mbpam_ros.nodes.transforms import FRAME_PREFIX
 from mbpam_ros.vision.background import BackgroundError
 from mbpam_ros.vision.camera import CameraData, CameraError, Intrinsics, camera_pose, load_camera_config
 from mbpam_ros.vision.depth import DepthError, DepthImage, depth_in_metres
@@ -53,6 +55,7 @@ PARAMETERS = (
         "frozen_after_s", 1.0, "the very same image for longer is a camera that has stopped [s]; 0: off", 0.0, 60.0
     ),
     Parameter("jpeg_quality", 85, "quality of detections/image", 1, 100, changeable=True),
+    FRAME_PREFIX,
 )
 
 CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1}
@@ -72,6 +75,7 @@ class ObjectDetectorNode(GripperNode):
         # First: a node that refuses its parameters or files is destroyed half built.
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="detector")
         super().__init__("object_detector", PARAMETERS, **node_options)
+        self._frame = Frames(self.text("frame_prefix")).base
         camera = load_camera_config(self.text("camera"))
         self._detector = ObjectDetector(
             load_detector_config(self.text("detector")), camera_pose(camera), load_gripper(self.text("gripper"))
@@ -261,11 +265,11 @@ class ObjectDetectorNode(GripperNode):
 
     def _publish_detections(self, message: Image) -> None:
         stamp = message.header.stamp
-        markers: list[Marker] = [delete_all(stamp, BASE_FRAME)]
+        markers: list[Marker] = [delete_all(stamp, self._frame)]
         for index, found in enumerate(self._seen.detections if self._seen else ()):
             marker = solid_marker(
                 stamp,
-                BASE_FRAME,
+                self._frame,
                 found.shape,
                 index,
                 found.shape,

@@ -21,13 +21,15 @@ from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, CHAN
 from mbpam_ros.actuator.planar_rod import RodSolutionError
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
+from mbpam_ros.description.frames import HANGING_XYZW, WORLD, Frames, turned_up, up
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.log_forwarding import forward_logs
-from mbpam_ros.nodes.markers import BASE_FRAME, WORLD_FRAME, colour, finger_markers, solid_marker
+from mbpam_ros.nodes.markers import colour, finger_markers, solid_marker
 from mbpam_ros.nodes.messages import JointStateForm, MessageError, direction, named_values, time_stamp
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.plant_camera import PlantCamera
 from mbpam_ros.nodes.plant_rig import PlantRig, RigCamera
+from mbpam_ros.nodes.transforms import FRAME_PREFIX, Placed, TransformBroadcaster
 from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.planner import choose_fidelity
 from mbpam_ros.plant.plant import Observation, Plant, build_plant
@@ -55,6 +57,7 @@ PARAMETERS = (
     Parameter("publish_clock", False, "publish simulated time on /clock"),
     Parameter("lock_step", False, "with publish_clock: tick as soon as the valves have answered the last tick"),
     Parameter("lock_step_timeout_s", 0.5, "lock step: tick after this long if no valves answer [wall s]", 0.01, 60.0),
+    FRAME_PREFIX,
 )
 
 LOCK_STEP_PATIENCE_S = 10.0
@@ -97,6 +100,8 @@ class PlantNode(GripperNode):
         self._rate_since = (time.monotonic(), 0)
         self._real_time_factor = 1.0
 
+        self._frames = Frames(self.text("frame_prefix"))
+        self._transforms = TransformBroadcaster(self)
         self._rig, self._camera = self._build_eyes()
         self._camera_every = max(1, round(self.number("rate_hz") / max(self.number("camera_rate_hz"), 1e-3)))
         self._markers_every = max(1, round(self.number("rate_hz") / self.number("marker_rate_hz")))
@@ -165,12 +170,13 @@ class PlantNode(GripperNode):
     def _build_eyes(self) -> tuple[PlantRig | None, PlantCamera | None]:
         """Return the measuring rig, if the scene has one, and the camera, if there is to be one."""
         config, with_camera = self._scene.rig, self.number("camera_rate_hz") > 0.0
+        optical = self._frames.camera_optical
         scale = self.create_publisher(WrenchStamped, "scale/wrench", STREAM)
         self.create_subscription(JointState, "rig/mount", self._on_mount, LATCHED)
         if config is None:
-            return None, PlantCamera(self, self._gripper, self._scene) if with_camera else None
-        rig = PlantRig(self, self._gripper, self._scene, config, scale)
-        return rig, RigCamera(self, self._gripper, self._scene, config.camera) if with_camera else None
+            return None, PlantCamera(self, self._gripper, self._scene, optical) if with_camera else None
+        rig = PlantRig(self, self._gripper, config, scale)
+        return rig, RigCamera(self, self._gripper, self._scene, optical, config.camera) if with_camera else None
 
     # Ticks
 
@@ -213,7 +219,7 @@ class PlantNode(GripperNode):
 
     def _on_gravity(self, message: Vector3Stamped) -> None:
         try:
-            self._plant.set_gravity(self._scene.gravity_m_s2 * direction(message, BASE_FRAME))
+            self._plant.set_gravity(self._scene.gravity_m_s2 * direction(message, self._frames.base))
         except (MessageError, TierError) as error:
             self.refuse("gravity", error)
 
@@ -262,6 +268,9 @@ class PlantNode(GripperNode):
         if self._ticks % self._markers_every == 0 and self._markers.get_subscription_count() > 0:
             self._publish_markers(self._plant.observe())
         self._transducers.publish(self._volts.filled(self._stamp, effort=self._plant.transducer_v))
+        if self._transforms.active:
+            palm_m = np.array([0.0, 0.0, self._plant.hand_lift_m])
+            self._transforms.send(self._stamp, [Placed(WORLD, self._frames.base, palm_m, HANGING_XYZW)])
 
     def _time_s(self) -> float:
         """Simulated time [s]; a reset of the scene does not set it back."""
@@ -272,15 +281,18 @@ class PlantNode(GripperNode):
     def _publish_markers(self, observation: Observation) -> None:
         rise = np.array([0.0, 0.0, -observation.hand_lift_m])
         radius_m = self._gripper.geometry.outer_radius_m
-        markers = finger_markers(self._stamp, WORLD_FRAME, observation.centreline_m + rise, radius_m, FINGER_RGB)
+        markers = finger_markers(self._stamp, WORLD, up(observation.centreline_m + rise), radius_m, FINGER_RGB)
         upright = (0.0, 0.0, 0.0, 1.0)
-        palm = rise - (0.0, 0.0, PALM_SIZE_M[2] / 2.0)
+        palm = up(rise - (0.0, 0.0, PALM_SIZE_M[2] / 2.0))
         grey = colour((0.3, 0.3, 0.3))
-        markers.append(solid_marker(self._stamp, WORLD_FRAME, "palm", 0, "box", PALM_SIZE_M, palm, upright, grey))
+        markers.append(solid_marker(self._stamp, WORLD, "palm", 0, "box", PALM_SIZE_M, palm, upright, grey))
         for k, (placed, there) in enumerate(zip(self._scene.placed, observation.objects, strict=True)):
             spec, namespace = placed.object, "object" if k == 0 else "other_object"
-            pose, rgba = (there.in_world.position_m, there.in_world.orientation_xyzw), colour(spec.colour_rgb)
-            markers.append(solid_marker(self._stamp, WORLD_FRAME, namespace, k, spec.shape, spec.size_m, *pose, rgba))
+            pose, rgba = (
+                (up(there.in_world.position_m), turned_up(there.in_world.orientation_xyzw)),
+                colour(spec.colour_rgb),
+            )
+            markers.append(solid_marker(self._stamp, WORLD, namespace, k, spec.shape, spec.size_m, *pose, rgba))
         self._markers.publish(MarkerArray(markers=markers))
 
     # Services

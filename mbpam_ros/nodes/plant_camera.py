@@ -19,7 +19,6 @@ from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
 
 _Frame = tuple[array.array, array.array | None]
 
-OPTICAL_FRAME = "camera_optical"
 DEFAULT_FLOOR_DEPTH_M = 0.5
 STILL_TURN_RAD = 1e-3
 STILL_DISTANCE_M = 1e-4
@@ -37,16 +36,19 @@ class PlantCamera:
         node: publishes for it; its parameters ``camera`` and ``seed`` are read.
         gripper: size of the fingers.
         scene: the objects and their support.
+        frame: name of the optical frame.
         camera: file of the camera instead of the parameter's.
     """
 
-    def __init__(self, node: GripperNode, gripper: Gripper, scene: Scene, camera: str | None = None) -> None:
+    def __init__(
+        self, node: GripperNode, gripper: Gripper, scene: Scene, frame: str, camera: str | None = None
+    ) -> None:
         config = load_camera_config(camera or node.text("camera"))
         self._renderer = Renderer.from_config(config)
         self._rng = np.random.default_rng(node.whole("seed"))
         self._finger_radius_m = gripper.geometry.outer_radius_m
         self._scene = scene
-        self._info = _camera_info(camera_intrinsics(config))
+        self._info = _camera_info(camera_intrinsics(config), frame)
         self._images = node.create_publisher(Image, "camera/image_raw", STREAM)
         self._infos = node.create_publisher(CameraInfo, "camera/camera_info", STREAM)
         self._depths = node.create_publisher(Image, "camera/depth/image_raw", STREAM)
@@ -95,7 +97,7 @@ class PlantCamera:
         data, depth_data = frame
         self._info.header.stamp = stamp
         image = Image(encoding="rgb8", height=self._info.height, width=self._info.width, is_bigendian=0)
-        image.header.stamp, image.header.frame_id = stamp, OPTICAL_FRAME
+        image.header.stamp, image.header.frame_id = stamp, self._info.header.frame_id
         image.step = 3 * self._info.width
         image.data = data
         self._infos.publish(self._info)
@@ -139,9 +141,9 @@ class PlantCamera:
         )
 
 
-def _camera_info(intrinsics: Intrinsics) -> CameraInfo:
+def _camera_info(intrinsics: Intrinsics, frame: str) -> CameraInfo:
     info = CameraInfo(width=intrinsics.width_px, height=intrinsics.height_px, distortion_model="plumb_bob")
-    info.header.frame_id = OPTICAL_FRAME
+    info.header.frame_id = frame
     info.d = [0.0] * 5
     info.k = intrinsics.matrix.ravel()
     info.r = np.eye(3).ravel()

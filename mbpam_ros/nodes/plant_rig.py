@@ -18,7 +18,6 @@ from mbpam_ros.nodes.plant_camera import PlantCamera
 from mbpam_ros.nodes.runtime import GripperNode
 from mbpam_ros.plant.plant import Observation
 from mbpam_ros.plant.rig import MuscleRig, RigConfig, hidden_muscle
-from mbpam_ros.plant.scene import Scene
 from mbpam_ros.vision.render import SceneView
 
 MOUNT = ("turn", "plate")
@@ -46,12 +45,11 @@ class PlantRig:
     Args:
         node: publishes for it; its parameter ``seed`` is read.
         gripper: whose muscle is drawn.
-        scene: says who is hidden, and which camera looks at it.
-        config: of the scene's rig.
+        config: of the scene's rig, says who is hidden.
         scale: where the scale's readings go.
     """
 
-    def __init__(self, node: GripperNode, gripper: Gripper, scene: Scene, config: RigConfig, scale: Publisher) -> None:
+    def __init__(self, node: GripperNode, gripper: Gripper, config: RigConfig, scale: Publisher) -> None:
         muscle = hidden_muscle(gripper.rod_law(), config)
         self._rig = MuscleRig(muscle, gripper.rod_geometry, config, node.whole("seed"))
         self._scale, self._wrench = scale, WrenchStamped()

@@ -16,6 +16,7 @@ from mbpam_ros.answer import Answer
 from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds, time_stamp
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.stamps import CLOCK_TOLERANCE, StampClock
+from mbpam_ros.nodes.transforms import FRAME_PREFIX
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.sensing import (
     ChannelStatus,
@@ -33,6 +34,7 @@ PARAMETERS = (
     Parameter("ambient_pressure_pa", 101325.0, "absolute ambient pressure [Pa]", 5e4, 1.2e5, changeable=True),
     Parameter("fluid_pressure_rate_hz", 10.0, "rate of the FluidPressure topics [Hz]", 0.1, 100.0),
     Parameter("zero_forced", False, "zero takes readings far from the last zero, or unsteady, too", changeable=True),
+    FRAME_PREFIX,
     CLOCK_TOLERANCE,
 )
 
@@ -102,7 +104,7 @@ class PressureSensorNode(GripperNode):
                 continue
             message = FluidPressure()
             message.header.stamp = time_stamp(self._reading.time_s)
-            message.header.frame_id = CHANNEL_NAMES[i]
+            message.header.frame_id = f"{self.text('frame_prefix')}{CHANNEL_NAMES[i]}"
             message.fluid_pressure = float(self._reading.pressure_gauge_pa[i] + ambient_pa)
             message.variance = float(self._reading.variance_pa2[i])
             publisher.publish(message)

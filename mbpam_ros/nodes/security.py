@@ -15,6 +15,9 @@ from mbpam_ros.nodes.interface import NODES, SERVICES, TOPICS
 
 OPERATOR = "operator"
 
+TELLING_FRAMES = ("plant", "state_estimator")
+"""Who says where frames are, where tf2_msgs is installed."""
+
 _PARAMETER_SERVICES = (
     "describe_parameters",
     "get_parameter_types",
@@ -51,6 +54,7 @@ def _rules(name: str, node: str) -> list[str]:
     of_all = ["/diagnostics"] if operator or node == "grasp_arbiter" else []
     tells = ["/rosout", "/parameter_events"] + ([] if operator else ["/diagnostics"])
     tells += ["/clock"] if node == "plant" else []
+    tells += ["/tf", "/tf_static"] if node in TELLING_FRAMES else []
     serves = [f"~/{service}" for service in _PARAMETER_SERVICES] + [each.name for each in SERVICES if each.node == node]
     calls = [each.name for each in SERVICES if operator or node in each.callers]
     return [

@@ -9,7 +9,10 @@ from __future__ import annotations
 import importlib
 import os
 import signal
+import sys
 from functools import partial
+
+from mbpam_ros.errors import MbpamError
 
 EXECUTABLES = (
     "plant",
@@ -23,10 +26,18 @@ EXECUTABLES = (
 
 
 def start(executable: str) -> int:
-    """Load and run one of :data:`EXECUTABLES` with the arguments in ``sys.argv``; return its exit code."""
+    """Load and run one of :data:`EXECUTABLES` with the arguments in ``sys.argv``; return its exit code.
+
+    2, with one line on standard error, where it cannot be loaded: the middleware that was asked for is not there.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
-    code: int = importlib.import_module(f"mbpam_ros.nodes.{executable}").main()
+    try:
+        module = importlib.import_module(f"mbpam_ros.nodes.{executable}")
+    except MbpamError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    code: int = module.main()
     return code
 
 

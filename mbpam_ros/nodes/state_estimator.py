@@ -7,13 +7,14 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
+from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseArray, Vector3Stamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import BEND_NAMES, CHANNEL_COUNT, CHANNEL_NAMES, FINGER_NAMES
@@ -22,11 +23,16 @@ from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.actuator.metamodel import metamodel_name
 from mbpam_ros.actuator.planar_rod import RodSolutionError
 from mbpam_ros.configuration import ConfigError, load_config
+from mbpam_ros.description.frames import Frames, orientation_of
+from mbpam_ros.description.urdf import gripper_urdf
+from mbpam_ros.description.wave_mesh import WaveError
 from mbpam_ros.estimation.estimator import BendEstimator, EstimatorConfig, GripperEstimate
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.nodes.markers import BASE_FRAME, finger_markers
+from mbpam_ros.nodes.markers import finger_markers
 from mbpam_ros.nodes.messages import JointStateForm, MessageError, direction, named_values, pose, seconds
 from mbpam_ros.nodes.parameters import Parameter
+from mbpam_ros.nodes.transforms import FRAME_PREFIX, Placed, TransformBroadcaster
+from mbpam_ros.vision.camera import CameraPose, camera_pose, load_camera_config
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -37,6 +43,8 @@ PARAMETERS = (
     Parameter("metamodel", "", "prs, rbf, krg, rbf_gaussian or krg_nugget; empty: as the gripper file says"),
     Parameter("pressure_sigma_pa", 100.0, "one sigma of a measured pressure [Pa]", 0.0, 1e5, changeable=True),
     Parameter("marker_rate_hz", 10.0, "rate of finger_markers [Hz]", 0.1, 100.0),
+    Parameter("camera", "camera.yaml", "camera file: its pose, for robot_description and TF"),
+    FRAME_PREFIX,
 )
 
 STALE_S = 0.5
@@ -57,6 +65,7 @@ class StateEstimatorNode(GripperNode):
         except (ValueError, RodSolutionError) as error:
             place = f"{self.value('gripper')}, metamodel {metamodel}"
             raise ConfigError(f"{place}: no rod law for this muscle: {error}") from error
+        self._frames = Frames(self.text("frame_prefix"))
         self._estimate: GripperEstimate | None = None
         self._received_s = -math.inf
         self._gravity_m_s2 = np.array(HANGING)
@@ -69,6 +78,9 @@ class StateEstimatorNode(GripperNode):
         self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
         self.create_subscription(Vector3Stamped, "gravity", self._on_gravity, NEWEST)
         self.create_timer(1.0 / self.number("marker_rate_hz"), self._publish_markers)
+        self._transforms = TransformBroadcaster(self)
+        self._description = self.create_publisher(String, "robot_description", LATCHED)
+        self._describe(camera_pose(load_camera_config(self.text("camera"))))
 
     def health(self) -> Health:
         """ERROR while a finger's state is not known."""
@@ -83,6 +95,20 @@ class StateEstimatorNode(GripperNode):
             return Health(DiagnosticStatus.ERROR, f"state not known: {names}", values)
         values["bend_sigma_max_deg"] = f"{np.degrees(self._bend_sigma_rad(self._estimate).max()):.2f}"
         return Health(message="4 fingers estimated", values=values)
+
+    def _describe(self, camera: CameraPose) -> None:
+        """Publish what does not change: the URDF, and the frames that are fixed to the palm."""
+        base, frames = self._frames.base, self._frames
+        try:
+            urdf = gripper_urdf(self._gripper, camera.rotation, camera.position_m, frames)
+        except WaveError as error:
+            raise ConfigError(f"{self.value('gripper')}: {error}") from error
+        self._description.publish(String(data=urdf))
+        upright = (0.0, 0.0, 0.0, 1.0)
+        placed = zip(frames.mounts, self._gripper.finger_base_m, strict=True)
+        mounts = [Placed(base, name, position_m, upright) for name, position_m in placed]
+        optical = Placed(base, frames.camera_optical, camera.position_m, orientation_of(camera.rotation))
+        self._transforms.send_once(self.now_stamp(), [optical, *mounts])
 
     def _is_stale(self) -> bool:
         return self.now_s() - self._received_s > STALE_S
@@ -105,7 +131,7 @@ class StateEstimatorNode(GripperNode):
 
     def _on_gravity(self, message: Vector3Stamped) -> None:
         try:
-            self._gravity_m_s2 = GRAVITY_M_S2 * direction(message, BASE_FRAME)
+            self._gravity_m_s2 = GRAVITY_M_S2 * direction(message, self._frames.base)
         except MessageError as error:
             self.refuse("gravity", error)
 
@@ -124,11 +150,19 @@ class StateEstimatorNode(GripperNode):
                     effort=self._estimator.tip_force_n(estimate.moment_n_m),
                 )
             )
-        if self._tips.get_subscription_count() > 0:
-            tips = PoseArray()
-            tips.header.stamp, tips.header.frame_id = stamp, BASE_FRAME
-            tips.poses = [pose(*tip) for tip in zip(*self._estimator.tips(estimate), strict=True)]
-            self._tips.publish(tips)
+        if self._transforms.active or self._tips.get_subscription_count() > 0:
+            self._publish_tips(stamp, list(zip(*self._estimator.tips(estimate), strict=True)))
+
+    def _publish_tips(self, stamp: Time, tips: list[tuple[NDArray[np.float64], NDArray[np.float64]]]) -> None:
+        message = PoseArray(poses=[pose(*tip) for tip in tips])
+        message.header.stamp, message.header.frame_id = stamp, self._frames.base
+        self._tips.publish(message)
+        known = [
+            Placed(self._frames.base, name, *tip)
+            for name, tip in zip(self._frames.tips, tips, strict=True)
+            if np.isfinite(tip[0]).all()
+        ]
+        self._transforms.send(stamp, known)
 
     def _publish_markers(self) -> None:
         if self._estimate is None or self._is_stale() or self._markers.get_subscription_count() == 0:
@@ -136,7 +170,8 @@ class StateEstimatorNode(GripperNode):
         lines = self._estimator.centrelines(self._estimate)
         stamp = self.now_stamp()
         radius_m = self._gripper.geometry.outer_radius_m
-        self._markers.publish(MarkerArray(markers=finger_markers(stamp, BASE_FRAME, lines, radius_m, (0.2, 0.6, 1.0))))
+        markers = finger_markers(stamp, self._frames.base, lines, radius_m, (0.2, 0.6, 1.0))
+        self._markers.publish(MarkerArray(markers=markers))
 
 
 def main() -> int:

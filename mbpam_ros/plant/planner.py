@@ -68,7 +68,7 @@ class Expected:
         cpu_ms_per_s: for one simulated second.
         excess: the largest error over what is allowed; up to 1 is within the tolerance.
         model_pct: the model's part in the first two.
-        solution_excess: ``excess`` of the solution alone.
+        solution_excess, model_excess: ``excess`` of either alone.
     """
 
     static_pct: float
@@ -78,6 +78,7 @@ class Expected:
     excess: float
     model_pct: float = 0.0
     solution_excess: float = 0.0
+    model_excess: float = 0.0
 
     def __str__(self) -> str:
         errors = f"{_figure(self.static_pct)} % at rest, {_figure(self.transient_pct)} % in motion"
@@ -134,7 +135,7 @@ class Plan:
     def _verdict(self) -> str:
         if self.within_tolerance:
             return "within the tolerance"
-        if self.expected.solution_excess <= 1.0:
+        if self.expected.model_excess > 1.0 >= self.expected.solution_excess:
             return "OUTSIDE the tolerance by the model's error; a nearer solution would not help"
         return "OUTSIDE the tolerance; nothing measured is nearer"
 
@@ -462,13 +463,15 @@ def _expected(
         excess=excess(model_pct),
         model_pct=model_pct,
         solution_excess=excess(0.0),
+        model_excess=model_pct / min(allowed.static_pct, allowed.transient_pct),
     )
 
 
 def _best(candidates: dict[Fidelity, Expected]) -> Fidelity:
     """Return the cheapest within the tolerance, of those that cost about the same the nearest; else the nearest."""
     within = {each: expected for each, expected in candidates.items() if expected.excess <= 1.0}
-    if not within:  # a solution that is nearer than the tolerance makes up for no model
+    if not within and all(expected.model_excess > 1.0 for expected in candidates.values()):
+        # A solution that is nearer than the tolerance makes up for no model.
         least_pct = min(expected.model_pct for expected in candidates.values())
         candidates = {each: expected for each, expected in candidates.items() if expected.model_pct <= least_pct}
         within = {each: expected for each, expected in candidates.items() if expected.solution_excess <= 1.0}

@@ -8,6 +8,7 @@ does not vent           no answer to a valve that vents                      val
 reading jumped          a step that no valve can make                        transducer or wire
 swapped                 each of two channels answers to the other's valve    plugs or tubes exchanged
 rises without its valve pressure comes in while the valve is closed          valve stuck open or where it was
+leaks in                the same, but no faster than the valve lets it out   valve not tight
 leaks                   pressure goes while the valve is closed, fast        leak to ambient
 leak or drift           pressure goes, or comes, slowly                      not yet told apart
 drifts                  the same, and the chamber did not follow its reading transducer
@@ -40,6 +41,7 @@ class Fault(Enum):
     JUMPED = "reading jumped"
     SWAPPED = "swapped"
     RISES = "rises without its valve"
+    LEAKS_IN = "leaks in"
     LEAK = "leaks"
     LEAK_OR_DRIFT = "leak or drift"
     DRIFT = "drifts"

@@ -497,7 +497,11 @@ class Observer:
         rate_pa_s, seen_pa_s = self._rate(channel), self._seen_pa_s(channel)
         if rate_pa_s < -seen_pa_s:
             del self._looks[channel]
-            self._find_leak(channel, -rate_pa_s)
+            other = self._not_falling(channel)
+            if other is None:
+                self._find_leak(channel, -rate_pa_s)
+            else:
+                self._find_swapped(channel, other, "one falls while the other's valve vents, which stands still")
         elif not look.filled:
             del self._looks[channel]
             self._find(
@@ -519,6 +523,12 @@ class Observer:
                 self._find(Fault.SLOW_VALVE, (channel,), f"{evidence}, and it went on filling when closed", confidence)
             else:
                 self._find(Fault.NOT_FOLLOWING, (channel,), evidence, confidence)
+
+    def _not_falling(self, channel: int) -> int | None:
+        """Return the channel of its finger that vents now and has not fallen as far as it must, if there is one."""
+        standing = (self._high.max(axis=0) < 0.0) & (self._up > 0.3 * self._config.move_threshold_pa)
+        others = np.flatnonzero(standing & same_finger(channel))
+        return int(others[0]) if others.size > 0 else None
 
     def _all_starved(self, channel: int, look: _Look) -> bool:
         """Return whether every channel that filled then has fallen behind too."""
@@ -564,7 +574,7 @@ class Observer:
     @property
     def _unnamed(self) -> Mask:
         """Channels about whose slow movements something new may be said."""
-        return ~(self._known | self.channels(Fault.LEAK_OR_DRIFT, Fault.DRIFT))
+        return ~(self._known | self.channels(Fault.LEAK_OR_DRIFT, Fault.DRIFT, Fault.LEAKS_IN))
 
     def _name_slow(self, channel: int) -> None:
         rate_pa_s = self._slope.rate(channel)
@@ -586,9 +596,13 @@ class Observer:
         settled = (self._time_s > self._settled_at_s + 1.0) & course.valid
         lost = config.slowest_ratio * self._effort_pa - (self._readings[-1] - self._effort_from_pa)
         here = settled & self._unnamed & np.isfinite(self._effort_from_pa)
-        for channel in np.flatnonzero(here & (np.abs(self._effort_pa) > 3e3)):
-            shown_pa_s = -lost[channel] if self._effort_pa[channel] < 0.0 else lost[channel]
-            if shown_pa_s > 1.0e3:
+        worked = here & (np.abs(self._effort_pa) > 3e3)
+        in_vain = worked & (np.sign(self._effort_pa) * lost > 1.0e3)
+        filled = worked & (self._effort_pa > 0.0)
+        if np.count_nonzero(filled) > 1 and (in_vain | ~filled).all():
+            self._find_supply(f"all {np.count_nonzero(filled)} channels that filled gained less than they must", 0.95)
+        else:
+            for channel in np.flatnonzero(in_vain):
                 net = self.gain[channel] * self._effort_pa[channel]
                 self._find_slow(int(channel), -net / self._effort_s, "by what its valve had to make up for")
         self._effort_pa, self._effort_s = np.zeros(CHANNEL_COUNT), 0.0
@@ -670,7 +684,9 @@ class Observer:
             self._find(Fault.LEAK, (channel,), evidence, 0.95)
             self._leak_1_s[channel] = 1.0 / tau_s
         elif rate_pa_s > self._config.drift_limit_pa_s:
-            self._find(Fault.RISES, (channel,), f"gains {1e-3 * rate_pa_s:.1f} kPa/s {how}", 0.95)
+            vents_pa_s = self._config.slowest_ratio * self._readings[-1, channel] / self._valve.time_constant_s
+            fault = Fault.LEAKS_IN if rate_pa_s < 0.5 * vents_pa_s else Fault.RISES
+            self._find(fault, (channel,), f"gains {1e-3 * rate_pa_s:.1f} kPa/s {how}", 0.95)
         else:
             word = "falls" if rate_pa_s < 0.0 else "rises"
             evidence = f"{word} {1e-3 * abs(rate_pa_s):.2f} kPa/s {how}, at {self._kpa(channel)} kPa"

@@ -29,7 +29,7 @@ class GraspRecord:
         bend_time_s, bend_rad: rows of (8,) estimated bends.
         object_time_s, object_rise_m: true rise of the object.
         palm_rise_m: rise of the palm at the same times.
-        shapes: named snapshots of the true finger centre lines (4, n, 3) and the object's centre (3,), world frame [m].
+        shapes: named snapshots of the true finger centre lines (4, n, 3) and the object's centre (3,), in world [m].
         object_size_m: (3,), as in visualization_msgs/Marker.
         object_shape: sphere, cylinder or box.
         events: names of what happened, and when.
@@ -99,10 +99,10 @@ def _draw_shapes(axis: Axes, record: GraspRecord, horizontal: int, title: str) -
             label = f"finger {finger + 1}" if alpha == 1.0 else None
             colour = FINGER_COLOURS[finger]
             width = 6.0 if alpha == 1.0 else 3.0
-            axis.plot(1e3 * line[:, horizontal], -1e3 * line[:, 2], color=colour, alpha=alpha, lw=width, label=label)
-            axis.plot(1e3 * line[0, horizontal], -1e3 * line[0, 2], "k_", alpha=alpha)
+            axis.plot(1e3 * line[:, horizontal], 1e3 * line[:, 2], color=colour, alpha=alpha, lw=width, label=label)
+            axis.plot(1e3 * line[0, horizontal], 1e3 * line[0, 2], "k_", alpha=alpha)
         half = 0.5e3 * _extent(record, horizontal), 0.5e3 * _extent(record, 2)
-        _draw_object(axis, record, (1e3 * centre[horizontal], -1e3 * centre[2]), half, horizontal, alpha, name)
+        _draw_object(axis, record, (1e3 * centre[horizontal], 1e3 * centre[2]), half, horizontal, alpha, name)
     axis.set_aspect("equal")
     axis.set_xlim(-VIEW_HALF_WIDTH_MM, VIEW_HALF_WIDTH_MM)
     axis.set_title(title)

@@ -8,7 +8,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from pathlib import Path
 from typing import TypeVar
 
-from mbpam_ros.study.result_file import ResultFileError, make_folder_of, write_json
+from mbpam_ros.study.result_file import ResultFileError, write_json
 from mbpam_ros.terminal import Progress, announce
 
 REDRAW_S = 1.0
@@ -59,18 +59,12 @@ class ResultFile:
 
 
 def runs_beside(result: Path | None) -> Path | None:
-    """Return where the finished runs of a result are kept that is made of all of them; makes the folder.
+    """Return where the finished runs of a result are kept that is made of all of them.
 
     Args:
         result: its file; None if it goes to none, and then neither do the runs.
-
-    Raises:
-        ResultFileError: the folder cannot be made.
     """
-    if result is None:
-        return None
-    make_folder_of(result)
-    return result.with_name(f"{result.stem}_runs.json")
+    return None if result is None else result.with_name(f"{result.stem}_runs.json")
 
 
 def run_jobs(

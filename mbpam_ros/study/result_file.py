@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from mbpam_ros.errors import MbpamError
 
@@ -16,19 +17,18 @@ def write_json(path: Path, content: dict | list) -> None:
     """Write JSON. Every number in it must be finite.
 
     Raises:
-        ResultFileError: the folder cannot be written.
+        ResultFileError: its folder is missing or cannot be written.
     """
     write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write UTF-8 text; folders are made.
+    """Write UTF-8 text.
 
     Raises:
-        ResultFileError: the folder cannot be written.
+        ResultFileError: its folder is missing or cannot be written.
     """
     beside = path.with_name(path.name + ".part")
-    make_folder_of(path)
     try:
         beside.write_text(text, encoding="utf-8")
         beside.replace(path)
@@ -36,13 +36,34 @@ def write_text(path: Path, text: str) -> None:
         raise ResultFileError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def make_folder_of(path: Path) -> None:
-    """Make the folder that a file goes into, before what it is to hold is worked out.
+def require_writable(path: Path) -> None:
+    """Check that a file can be written, before what it is to hold is worked out.
+
+    Folders are not made: a mistyped path would leave one, with the result where nobody looks.
 
     Raises:
-        ResultFileError: it cannot be made.
+        ResultFileError: it cannot, and why.
     """
+    if path.is_dir():
+        raise ResultFileError(f"cannot write {path}: it is a folder")
+    _require_folder(path.absolute().parent, path)
+
+
+def require_makeable(folder: Path) -> None:
+    """Check that a folder for many files is there and takes files, or can be made.
+
+    Raises:
+        ResultFileError: neither, and why.
+    """
+    _require_folder(next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists()), folder)
+
+
+def _require_folder(folder: Path, wanted: Path) -> None:
+    """By writing a file without a name, which also finds full and read-only file systems."""
+    if not folder.is_dir():
+        raise ResultFileError(f"cannot write {wanted}: there is no folder {folder}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder) as probe:
+            probe.write(b" ")
     except OSError as error:
-        raise ResultFileError(f"cannot write {path}: {error.strerror or error}") from error
+        raise ResultFileError(f"cannot write {wanted}: {error.strerror or error}") from error

@@ -16,19 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.errors import MbpamError
+from mbpam_ros.vision.difference_kernel import differing, ratios
 
 _FARTHEST_SHIFT_PX = 8.0
 _LEAST_RESPONSE = 0.05
-_STEP_LEVELS = 9.0
-_HUE_LEVELS = 7.0
-_NOISE_SIGMAS = 4.0
-_DEEPEST_SHADOW = 0.18
-_BRIGHTER = 1.08
-_TEXTURE = 0.05
-_EDGE_SHARE = 0.6
 _WINDOW = (7, 7)
-_LIKE = np.float32(128.0)
-_DARK = np.float32(4.0)  # added before ratios: what is black has no hue
+_SAMPLE = 29  # of the pixels, to compare exposures
 
 
 class BackgroundError(MbpamError, ValueError):
@@ -98,37 +91,28 @@ class Background:
         if image.shape != self.mean.shape:
             raise BackgroundError(f"an image of {image.shape}, but the empty table was learnt with {self.mean.shape}")
         mean, usable = self._shifted(image, known & self.known)
-        levels = image.astype(np.float32)
         if usable.sum() < 100:
             empty = np.zeros(usable.shape, bool)
             return Masks(empty, empty)
-        picked = np.flatnonzero(usable)[::11]
+        picked = np.flatnonzero(usable)[::_SAMPLE]
         channels = image.shape[2]
-        sample = (levels.reshape(-1, channels)[picked], mean.reshape(-1, channels)[picked])
+        sample = (image.reshape(-1, channels)[picked].astype(np.float32), mean.reshape(-1, channels)[picked])
         gain = np.median((sample[0] + 1.0) / (sample[1] + 1.0), axis=0).astype(np.float32)
-        table = np.minimum(mean * gain, np.float32(255.0))
-        grey, grey_table = _grey(levels) + _DARK, _grey(table) + _DARK
+        table = np.ascontiguousarray(np.minimum(mean * gain, np.float32(255.0)))
         noise = max(1.4826 * float(np.median(np.abs(sample[0] - sample[1] * gain))), 1.0)
-        # Beside an edge of the table's pattern a fraction of a pixel makes a difference.
-        slope = cv2.magnitude(cv2.Sobel(grey_table, cv2.CV_32F, 1, 0), cv2.Sobel(grey_table, cv2.CV_32F, 0, 1)) / 8.0
-        slope = cv2.dilate(np.asarray(slope, np.float32), np.ones((3, 3), np.uint8))
-        tolerance = _EDGE_SHARE * slope + np.minimum(2.0 * self.spread, 12.0)
-        step = max(_STEP_LEVELS, _NOISE_SIGMAS * noise) + tolerance
-        ratio = grey / grey_table
-        brighter = (grey - grey_table > step) & (ratio > _BRIGHTER)
-        darker = grey_table - grey > step
-        sure = brighter | (ratio < _DEEPEST_SHADOW)
-        if image.shape[2] > 1:
-            most = max(_HUE_LEVELS, 3.0 * noise) + tolerance
-            for colour, of_table in zip(cv2.split(levels), cv2.split(table), strict=True):
-                sure |= np.abs(colour + _DARK - ratio * (of_table + _DARK)) > most
-        # In a shadow the table's texture is found again; an object covers it, or has one of its own.
-        log_ratio = np.log(ratio).astype(np.float32)
-        own, tables = _local_deviation(log_ratio), _local_deviation(np.log(grey_table).astype(np.float32))
-        grain = noise / grey_table
-        sure |= darker & (own > _TEXTURE + 2.0 * grain) & (own > 0.8 * tables) & (tables > _TEXTURE)
-        relative = np.clip(_LIKE * (levels + _DARK) / (table + _DARK), 0.0, 255.0).astype(np.uint8)
-        return Masks(_cleaned(sure & usable), _cleaned((sure | darker) & usable), relative)
+        image, shape = np.ascontiguousarray(image), usable.shape
+        grey_table, ratio, relative = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty_like(image)
+        ratios(image, table, grey_table, ratio, relative)
+        logs = np.log(ratio), np.log(grey_table)
+        means = _floats(cv2.blur(cv2.merge([*logs, *(part * part for part in logs)]), _WINDOW))
+        slope = _floats(
+            cv2.magnitude(cv2.Sobel(grey_table, cv2.CV_32F, 1, 0), cv2.Sobel(grey_table, cv2.CV_32F, 0, 1)) / 8.0
+        )
+        slope = _floats(cv2.dilate(slope, np.ones((3, 3), np.uint8)))
+        sure, darker = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
+        differing(image, table, slope, _floats(self.spread), means, noise, sure, darker)
+        certain = sure.astype(bool) & usable
+        return Masks(_cleaned(certain), _cleaned(certain | (darker.astype(bool) & usable)), relative)
 
     def _shifted(
         self, image: NDArray[np.uint8], known: NDArray[np.bool_]
@@ -149,7 +133,7 @@ class Background:
         size = (image.shape[1], image.shape[0])
         moved = cv2.warpAffine(self.mean, move, size, borderMode=cv2.BORDER_REPLICATE).reshape(self.mean.shape)
         # Accept it only where it explains more than standing still.
-        picked = np.flatnonzero(known)[::29]
+        picked = np.flatnonzero(known)[::_SAMPLE]
         pixels = image.reshape(-1, image.shape[2])[picked].astype(np.float32)
         still, shifted = (
             float(np.median(np.abs(pixels - mean.reshape(-1, image.shape[2])[picked]))) for mean in (self.mean, moved)
@@ -164,10 +148,8 @@ def _grey(image: NDArray) -> NDArray[np.float32]:
     return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
 
 
-def _local_deviation(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Standard deviation in a window about each pixel."""
-    mean, square = cv2.blur(values, _WINDOW), cv2.blur(values * values, _WINDOW)
-    return np.sqrt(np.maximum(square - mean * mean, 0.0)).astype(np.float32)
+def _floats(image: NDArray) -> NDArray[np.float32]:
+    return np.ascontiguousarray(image, np.float32)
 
 
 def _cleaned(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -1,8 +1,9 @@
 """How sure a hypothesis is: the probability that its shape and its size are right.
 
-A logistic function of what speaks for and against it:
+The readings of one region exclude each other, and all may be wrong: a conditional logit with one alternative more,
+that none is right (McFadden, in Zarembka (ed.), Frontiers in Econometrics, 1974),
 
-    p = 1 / (1 + exp(-(w_0 + sum_i w_i f_i)))
+    p_k = exp(s_k) / (1 + sum_j exp(s_j)),   s_k = w_0 + sum_i w_i f_ki.
 
 The weights are fitted to images of the set "tune" (:mod:`mbpam_ros.study.judge.tuning`), for depth apart, and stand
 in ``config/detector.yaml``; whether p is calibrated is judged on images of the other set.
@@ -11,7 +12,7 @@ in ``config/detector.yaml``; whether p is calibrated is judged on images of the 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from mbpam_ros.vision.region_fit import Hypothesis
 from mbpam_ros.vision.solid_fit.outline import BOX, CAPSULE, POST, ROD, SPHERE
@@ -115,11 +116,17 @@ def features(hypothesis: Hypothesis) -> dict[str, float]:
     return named
 
 
-def probability(hypothesis: Hypothesis, weights: Mapping[str, float]) -> float:
-    """Return the probability that a hypothesis is right, 0 to 1. What ``weights`` does not name weighs nothing."""
-    named = features(hypothesis)
-    total = sum(weights.get(name, 0.0) * value for name, value in named.items())
-    return 1.0 / (1.0 + math.exp(-_bounded(total, 30.0)))
+def probabilities(readings: Sequence[Hypothesis], weights: Mapping[str, float]) -> list[float]:
+    """Return the probability that each of a region's readings is right, 0 to 1; what is left is that none is.
+
+    What ``weights`` does not name weighs nothing.
+    """
+    scores = [
+        math.exp(_bounded(sum(weights.get(name, 0.0) * value for name, value in features(item).items()), 30.0))
+        for item in readings
+    ]
+    total = 1.0 + sum(scores)
+    return [score / total for score in scores]
 
 
 def _sigma_log(sigma_m: float) -> float:

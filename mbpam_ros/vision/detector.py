@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -29,7 +30,7 @@ from mbpam_ros.geometry.solids import Shape
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.vision.background import Background, Masks
 from mbpam_ros.vision.camera import Camera, CameraPose, Intrinsics
-from mbpam_ros.vision.confidence import FEATURES, probability
+from mbpam_ros.vision.confidence import FEATURES, probabilities
 from mbpam_ros.vision.depth import DepthError, DepthImage, Table, aligned, find_table
 from mbpam_ros.vision.primitives import SHAPE_OF, at_height, place, sizes
 from mbpam_ros.vision.raycast import chords, hit_capsule
@@ -56,7 +57,7 @@ _SAG_M = 5e-4  # of the fingers' chords, well within the margin of their mask
 _MOST_PIECES = 4
 _LEAST_HEIGHT_M = 0.006  # above the plane of a depth image
 _HEIGHT_SIGMAS = 4.0
-_GOOD_CONFIDENCE = 0.6  # a region explained so well is not split
+_GOOD_CONFIDENCE = 0.8  # a region explained so well is looked at no more
 _LEAST_SOLIDITY = 0.5  # what fills less of its hull is no solid, but may hold some
 _ALIKE = 0.85  # regions that share so much of their area are one
 
@@ -172,7 +173,8 @@ class Sighting:
         passed_over: regions that were not looked at because the time was over; the smallest are left out.
         cpu_s: processor time it took.
         camera: the camera, turned as the depth image says.
-        hypotheses: all that were weighed, answered or not; their confidences are fitted to whether they are right.
+        readings: all hypotheses that were weighed, answered or not, by region; their confidences are fitted to whether
+            they are right.
         remark: why a better source was not used; empty if nothing is to be said.
     """
 
@@ -183,7 +185,7 @@ class Sighting:
     passed_over: int
     cpu_s: float
     camera: Camera
-    hypotheses: tuple[Hypothesis, ...]
+    readings: tuple[tuple[Hypothesis, ...], ...]
     remark: str = ""
 
 
@@ -270,14 +272,13 @@ class ObjectDetector:
         else:
             camera, support_m = view.camera, support_depth_m
             known = hidden == 0
-            if self.background is not None:
-                masks = self.background.differences(coarse, known)
-            else:
-                masks = foreground(coarse, known, self._config.segmentation)
+            of_image = partial(foreground, coarse, known, self._config.segmentation)
+            masks = of_image() if self.background is None else self.background.differences(coarse, known)
         level = coarse[..., 0] if coarse.shape[2] == 1 else _levels(cv2.cvtColor(coarse, cv2.COLOR_RGB2GRAY))
         surface = None if table is None else Surface(table.points_m, table.height_m, table.noise_m)
         fit = RegionFit(camera, support_m, smooth, level, hidden, masks.sure, self._config.edge_levels, surface)
-        search = _Search(self._config, source, fit, coarse, masks, prepared_s)
+        second = of_image if source == "background" else None
+        search = _Search(self._config, source, fit, coarse, masks, prepared_s, second)
         found = search.run()
         detections = [described(item, camera, support_m, source, lens) for item in found]
         return Sighting(
@@ -523,6 +524,7 @@ class _Search:
         coarse: (h, w, c) uint8, every second pixel.
         masks: where objects may be.
         began_s: thread time at which the frame was begun.
+        second_look: gives other masks, for what the first leave unexplained; None for none.
     """
 
     def __init__(
@@ -533,31 +535,51 @@ class _Search:
         coarse: NDArray[np.uint8],
         masks: Masks,
         began_s: float,
+        second_look: Callable[[], Masks] | None = None,
     ) -> None:
         self._config, self._fit, self._coarse, self._masks = config, fit, coarse, masks
-        self._source = source
+        self._second_look = second_look
         self._weights = config.confidence[source]
         self._min_area = config.segmentation.min_area_px / COARSE**2
         self._ends_s = began_s + config.budget_s
         self.passed_over = 0
-        self.weighed: list[Hypothesis] = []
+        self.weighed: list[tuple[Hypothesis, ...]] = []
 
     def run(self) -> list[Hypothesis]:
         """The likeliest hypotheses that do not overlap each other, the surest first."""
         found: list[Hypothesis] = []
-        for region in self._regions():
-            if any(_explains(item, region) for item in found):
-                continue
-            if time.thread_time() > self._ends_s:
-                self.passed_over += 1
-                continue
-            found += self._explain(region)
+        self._look_at(self._regions(), found)
+        if self._second_look is not None and self._leave_some(found):
+            differing = self._masks.with_shadow
+            self._masks = self._second_look()
+            self._fit = self._fit.with_foreground(self._masks.sure)
+            others = (
+                region
+                for region in self._regions()
+                if (differing[region.window] & region.mask).sum() > 0.5 * region.area
+            )
+            self._look_at(others, found)
         found.sort(key=lambda item: -item.confidence)
         chosen: list[Hypothesis] = []
         for candidate in found:
             if not any(same_place(candidate, other) for other in chosen):
                 chosen.append(candidate)
         return [item for item in chosen if item.confidence >= self._config.min_confidence]
+
+    def _look_at(self, regions: Iterable[Region], found: list[Hypothesis]) -> None:
+        """Add to ``found`` what explains regions that are not yet explained, while there is time."""
+        for region in regions:
+            if any(_explains(item, region) for item in found):
+                continue
+            if time.thread_time() > self._ends_s:
+                self.passed_over += 1
+                continue
+            found += self._explain(region)
+
+    def _leave_some(self, found: list[Hypothesis]) -> bool:
+        """Whether a region that surely shows an object has no good explanation."""
+        regions = connected_regions(self._masks.sure, self._min_area)
+        return not all(any(_explains(item, region) for item in found) for region in regions)
 
     def _regions(self) -> list[Region]:
         """What may be objects: what a finger may have cut apart, then the largest first, then regions with shadows."""
@@ -616,8 +638,12 @@ class _Search:
 
     def _best(self, region: Region) -> Hypothesis | None:
         """The likeliest primitive for a region."""
-        rated = [replace(item, confidence=probability(item, self._weights)) for item in self._fit.explanations(region)]
-        self.weighed += rated
+        readings = self._fit.explanations(region)
+        rated = tuple(
+            replace(item, confidence=p)
+            for item, p in zip(readings, probabilities(readings, self._weights), strict=True)
+        )
+        self.weighed.append(rated)
         least_m = self._config.min_object_size_m
         usable = [item for item in rated if float(sizes(item.form, item.parameters).min()) >= least_m]
         return max(usable, key=lambda item: item.confidence, default=None)

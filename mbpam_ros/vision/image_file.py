@@ -57,7 +57,7 @@ def read_depth(path: Path) -> NDArray[np.float32]:
 
 
 def write_image(path: Path, image: NDArray[np.uint8]) -> None:
-    """Write a bgr8 image, (H, W, 3); the suffix is the format, folders are made.
+    """Write a bgr8 image, (H, W, 3); the suffix is the format.
 
     Raises:
         ImageError: the file cannot be written, or there is no such format.
@@ -66,7 +66,6 @@ def write_image(path: Path, image: NDArray[np.uint8]) -> None:
         raise ImageError(f"{path}: cannot be written: no image format has this suffix")
     _, content = cv2.imencode(path.suffix, image)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content.tobytes())
     except OSError as error:
         raise ImageError(f"{path}: cannot be written: {error.strerror}") from error

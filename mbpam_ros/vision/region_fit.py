@@ -12,6 +12,7 @@ figure among others and bounded: it cannot overrule edges that agree.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -147,6 +148,12 @@ class RegionFit:
         # Contour pixels beside a finger or at the image's border are not the object's outline.
         self._unsure = near.copy()
         self._unsure[:2], self._unsure[-2:], self._unsure[:, :2], self._unsure[:, -2:] = 1, 1, 1, 1
+
+    def with_foreground(self, foreground: NDArray[np.bool_]) -> RegionFit:
+        """Return one that takes other places, (h, w), for those where objects are."""
+        other = copy.copy(self)
+        other._foreground = foreground
+        return other
 
     def explanations(self, region: Region) -> list[Hypothesis]:
         """Return the best primitive of each family for a region, in no order."""

@@ -91,13 +91,13 @@ def foreground(image: NDArray[np.uint8], known: NDArray[np.bool_], config: Segme
     index += _binned(hues[1], *_HUE_SPAN, _HUE_BINS)
     # An object that reaches into the frame has its colours in one place, the table has them all around.
     bins = _LEVEL_BINS * _HUE_BINS**2
-    places = np.zeros((bins, _SECTORS), bool)
-    places[index[frame], sectors[frame]] = True
-    least = max(_LEAST_SECTOR_SHARE * float(np.count_nonzero(places.any(axis=0))), 3.0)
-    everywhere = np.count_nonzero(places, axis=1) >= least
-    histogram = np.bincount(index[frame], minlength=bins) * everywhere
-    histogram = histogram.astype(np.float32)
-    histogram = _blurred(histogram.reshape(_LEVEL_BINS, _HUE_BINS, _HUE_BINS)) / float(frame.sum())
+    pairs = np.zeros(bins * _SECTORS, bool)
+    pairs[index[frame] * _SECTORS + sectors[frame]] = True
+    places = np.flatnonzero(pairs)
+    least = max(_LEAST_SECTOR_SHARE * float(np.count_nonzero(np.bincount(places % _SECTORS))), 3.0)
+    everywhere = np.bincount(places // _SECTORS, minlength=bins) >= least
+    counts = (np.bincount(index[frame], minlength=bins) * everywhere).astype(np.float32)
+    histogram = _blurred(counts.reshape(_LEVEL_BINS, _HUE_BINS, _HUE_BINS)) / float(frame.sum())
     shadowed = _with_shadows(histogram, config.shadow_ratio)
     strange = (histogram < config.rarity).ravel()[index].astype(np.float32)
     stranger = (shadowed < config.rarity).ravel()[index].astype(np.float32)

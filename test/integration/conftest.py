@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import os
+import signal
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 # Before the first message import: wrong field types become errors, and nothing leaves this machine.
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
@@ -33,7 +38,7 @@ from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.commands.compile import compile_all
-from mbpam_ros.commands.system import NodeProcesses, NodeSystemError, Operator
+from mbpam_ros.commands.system import Launch, NodeProcesses, NodeSystemError, Operator
 from mbpam_ros.nodes.interface import NODES
 from mbpam_ros.nodes.messages import time_stamp
 from mbpam_ros.nodes.runtime import NEWEST, STREAM
@@ -42,6 +47,8 @@ from mbpam_ros.terminal import Progress
 WAIT_S = 10.0
 PROCESS_WAIT_S = 15.0
 START_S = 60.0
+UNDER_WAY_S = 0.2
+"""What a killed process has said arrives within this."""
 
 REAL_CLOCK = pytest.mark.xdist_group("real_clock")
 """Node processes run one after another in one worker of xdist, so that no other test's nodes compete with them."""
@@ -49,9 +56,9 @@ REAL_CLOCK = pytest.mark.xdist_group("real_clock")
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what starts node processes: those tests need a directory for their output."""
+    """Mark what starts node processes: those tests need a directory for their output, or the nursery."""
     for item in items:
-        if "log_directory" in getattr(item, "fixturenames", ()):
+        if {"log_directory", "nursery"} & set(getattr(item, "fixturenames", ())):
             item.add_marker(REAL_CLOCK)
 
 
@@ -179,6 +186,64 @@ def log_directory(tmp_path: Path) -> Path:
     return tmp_path / "log"
 
 
+class Forked:
+    """A process of the :class:`Nursery` with the face of ``subprocess.Popen``."""
+
+    def __init__(self, nursery: Nursery, number: int) -> None:
+        self._nursery, self.pid = nursery, number
+        self.returncode: int | None = None
+
+    def poll(self) -> int | None:
+        if self.returncode is None:
+            self.returncode = self._nursery.ask(poll=self.pid)
+        return self.returncode
+
+    def wait(self, timeout: float = PROCESS_WAIT_S) -> int:
+        deadline = time.monotonic() + timeout
+        while self.poll() is None:
+            if time.monotonic() > deadline:
+                raise subprocess.TimeoutExpired(str(self.pid), timeout)
+            time.sleep(0.01)  # as subprocess does
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+class Nursery:
+    """Starts executables as forks of a process that has loaded them, see nursery.py."""
+
+    def __init__(self) -> None:
+        command = [sys.executable, Path(__file__).with_name("nursery.py")]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def ask(self, **order: object) -> int | None:
+        print(json.dumps(order), file=self._process.stdin, flush=True)
+        return json.loads(self._process.stdout.readline())
+
+    def launch(
+        self, arguments: Sequence[str], log: Path, environment: Mapping[str, str], errors: Path | None = None
+    ) -> Forked:
+        """Start an executable with its arguments; its errors go into the log if no other file is named."""
+        files = {"output": str(log), "errors": str(errors or log)}
+        return Forked(self, self.ask(argv=arguments, environment=environment, **files))
+
+    def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """Run an executable to its end."""
+        with TemporaryDirectory() as folder:
+            output, errors = Path(folder, "output"), Path(folder, "errors")
+            code = self.launch(arguments, output, dict(os.environ), errors).wait(START_S)
+            return subprocess.CompletedProcess(arguments, code, output.read_text(), errors.read_text())
+
+    def close(self) -> None:
+        self._process.stdin.close()
+        assert self._process.wait(PROCESS_WAIT_S) == 0
+
+
 class Gripper:
     """One gripper as a user sees it: its processes, its services and what it publishes."""
 
@@ -263,6 +328,8 @@ class Gripper:
         process = self.processes.processes.pop(executable)
         process.kill()
         process.wait()
+        killed_s = time.monotonic()
+        self.wait_for(lambda: time.monotonic() > killed_s + UNDER_WAY_S, "what it said last")
         self.operator.health.pop(f"{self._prefix}/{executable}", None)
 
     def restart(self, executable: str) -> None:
@@ -274,11 +341,25 @@ class Gripper:
         self._pressures_at_s = time.monotonic()
 
     def _on_truth(self, message: MarkerArray) -> None:
-        self.height_m.update({m.ns: -m.pose.position.z for m in message.markers if m.ns in ("palm", "object")})
+        self.height_m.update({m.ns: m.pose.position.z for m in message.markers if m.ns in ("palm", "object")})
+
+
+@pytest.fixture(scope="session")
+def nursery() -> Iterator[Nursery]:
+    """Executables that begin at once."""
+    nursery = Nursery()
+    yield nursery
+    nursery.close()
 
 
 @pytest.fixture
-def start(domain: int, log_directory: Path) -> Iterator[Callable[..., Gripper]]:
+def launch(nursery: Nursery) -> Launch:
+    """How executables of :func:`start` are started; a test may have them by Python's own start."""
+    return nursery.launch
+
+
+@pytest.fixture
+def start(domain: int, log_directory: Path, launch: Launch) -> Iterator[Callable[..., Gripper]]:
     """Start executables as processes, wait until each node has reported, and return the gripper."""
     with ExitStack() as stack:
 
@@ -293,7 +374,7 @@ def start(domain: int, log_directory: Path) -> Iterator[Callable[..., Gripper]]:
             rules = [*common, "-r", f"__ns:={namespace}"] if namespace else common
             environment = {"ROS_DOMAIN_ID": str(domain)}
             logs = log_directory / (namespace.strip("/") or "gripper")
-            processes = stack.enter_context(NodeProcesses(logs, arguments, rules, executables, environment))
+            processes = stack.enter_context(NodeProcesses(logs, arguments, rules, executables, environment, launch))
             stack.callback(assert_that_each_ends_when_told, processes)
             gripper = Gripper(processes, namespace, domain)
             stack.callback(gripper.operator.close)

@@ -15,7 +15,7 @@ from mbpam_ros.nodes.pressure_sensor import PressureSensorNode
 from mbpam_ros.nodes.runtime import NEWEST, STREAM
 from mbpam_ros.nodes.valve_controller import ValveControllerNode
 
-pytestmark = [pytest.mark.system, pytest.mark.usefixtures("compiled_plant")]
+pytestmark = [pytest.mark.xdist_group("real_clock"), pytest.mark.usefixtures("compiled_plant")]
 
 TARGET_PA = 80e3
 LIMIT_PA = 110e3

@@ -3,8 +3,13 @@
 import json
 import subprocess
 import sys
+from itertools import groupby
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.serialization import deserialize_message
+
+from mbpam_ros.study.recordings import read_recording
 
 
 @pytest.mark.usefixtures("compiled_plant", "log_directory")
@@ -19,3 +24,10 @@ def test_the_demo_grasps_lifts_and_releases_the_tube(tmp_path):
     assert max(abs(a - b) for a, b in zip(row["detected_size_m"], row["true_size_m"], strict=True)) < 0.005
     assert (report / "tube.png").read_bytes().startswith(b"\x89PNG")
     assert "aluminium tube: released" in ended.stdout
+    pytest.importorskip("mcap")
+    phases = []
+    for message in read_recording(report / "tube" / "grasp.mcap"):
+        if message.topic == "/grasp_state":
+            state = deserialize_message(message.data, DiagnosticStatus)
+            phases.append(next(item.value for item in state.values if item.key == "phase"))
+    assert [phase for phase, _ in groupby(phases)][-4:] == ["closing", "holding", "releasing", "idle"]

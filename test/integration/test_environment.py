@@ -92,6 +92,21 @@ def test_what_the_user_exported_wins(exported, variables, range_, profile_):
     assert profile() == profile_
 
 
+@pytest.mark.parametrize("program", [["mbpam_ros.nodes", "pressure_sensor"], ["mbpam_ros.commands", "first-grasps"]])
+def test_a_middleware_that_is_not_installed_is_refused_in_a_line_that_names_what_is(program):
+    ended = subprocess.run(
+        [sys.executable, "-m", *program],
+        env=os.environ | {"RMW_IMPLEMENTATION": "rmw_of_nobody"},
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
+    )
+    assert ended.returncode in (1, 2)
+    (line,) = ended.stderr.splitlines()
+    assert "RMW_IMPLEMENTATION=rmw_of_nobody: this middleware is not installed, only rmw_fastrtps_cpp" in line
+
+
 @pytest.mark.usefixtures("compiled_plant")
 def test_nodes_bind_to_loopback_alone_and_peers_with_the_middlewares_own_settings_reach_them(domain, log_directory):
     environment = {"ROS_DOMAIN_ID": str(domain)}

@@ -12,8 +12,6 @@ from std_srvs.srv import SetBool, Trigger
 from mbpam_ros.commands.system import NodeProcesses
 from mbpam_ros.nodes.runtime import LATCHED
 
-pytestmark = pytest.mark.system
-
 ENDS = ("plant", "pressure_sensor", "valve_controller", "grasp_arbiter")
 """The nodes that a grasp needs."""
 
@@ -143,6 +141,34 @@ def test_a_stop_that_no_valve_confirms_says_so_and_is_done_when_they_are_back(wa
     gripper.close_fingers()
 
 
+@pytest.mark.parametrize("name", ["pressure_sensor", "plant"])
+@pytest.mark.parametrize(("while_holding", "while_closing"), HOLDING_CLOSING)
+def test_without_readings_nothing_fills_and_what_is_held_is_kept(watched, name, while_holding, while_closing):
+    """Frozen for 5 s or killed, then back: a sensor whose readings end, and a driver that moves no valve any more."""
+    gripper = watched.gripper
+    for closing, how in ((False, while_holding), (True, while_closing)):
+        if closing:
+            watched.close_half()
+        else:
+            gripper.close_fingers()
+        since_s = watched.stop_process(name, how)
+        phases = []  # on a busy machine, a grasp that closed may hold by now
+
+        def at_fault(phases=phases):
+            phases.append(gripper.grasp["phase"])
+            return phases[-1] == "fault"
+
+        watched.wait_for(at_fault, f"fault without {name}", since_s)
+        assert gripper.grasp["air"] == ("vent" if "closing" in phases else "hold"), str(gripper.grasp)
+        if how == "freeze":
+            watched.wait_for(lambda: time.monotonic() > since_s + 5.0, "five seconds")  # noqa: B023
+        watched.bring_back(name, how)
+        watched.wait_for(lambda: np.isfinite(gripper.pressure_pa).all(), "pressures")
+        assert np.nanmax(gripper.pressure_pa) < 110e3
+        watched.back_to_idle()
+    gripper.close_fingers()
+
+
 def test_a_latched_stop_survives_a_restart_of_either_node(watched):
     gripper = watched.gripper
     gripper.close_fingers()
@@ -166,7 +192,7 @@ def test_a_latched_stop_survives_a_restart_of_either_node(watched):
 
 
 def test_a_node_started_twice_is_a_fault_that_names_it_while_a_grasp_holds_and_while_it_closes(
-    watched, domain, log_directory
+    watched, domain, log_directory, launch
 ):
     gripper = watched.gripper
     for name in ("grasp_arbiter", "valve_controller", "pressure_sensor"):
@@ -175,7 +201,7 @@ def test_a_node_started_twice_is_a_fault_that_names_it_while_a_grasp_holds_and_w
         else:
             gripper.close_fingers()
         environment = {"ROS_DOMAIN_ID": str(domain)}
-        with NodeProcesses(log_directory / "twin", executables=[name], environment=environment):
+        with NodeProcesses(log_directory / "twin", executables=[name], environment=environment, launch=launch):
             watched.wait_for(lambda: gripper.grasp.get("phase") == "fault", f"the fault of two {name}")
 
             def named(name=name):

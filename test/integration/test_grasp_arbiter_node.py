@@ -200,6 +200,27 @@ def test_set_points_chosen_before_the_first_pressures_are_not_repeated_after_the
         np.testing.assert_array_equal(message.effort, grip("envelope"))
 
 
+def test_a_mode_answers_with_what_became_of_it_where_that_is_asked_for(graph):
+    grasp = Grasp(graph, wait_for_result=True)
+    grasp.report_both_well()
+    grasp.tick_until(lambda: grasp.phase == "idle", "idle")
+    client = graph.test_node.create_client(Trigger, "grasp/envelope")
+    graph.spin_until(client.service_is_ready, "the service")
+    answers = []
+    for grasp.follows in (True, False):  # the air comes; it does not
+        asked = client.call_async(Trigger.Request())
+        grasp.tick_until(lambda: grasp.phase == "closing", "closing")
+        assert not asked.done()
+        grasp.tick_until(lambda: grasp.phase != "closing", "the end")
+        graph.spin_until(asked.done, "the answer")
+        answers.append(asked.result())
+        grasp.call("release")
+        grasp.tick_until(lambda: grasp.phase != "releasing", "released")
+    assert answers[0].success and answers[0].message.startswith("holding: ")
+    assert not answers[1].success and answers[1].message.startswith("fault: ")
+    assert not grasp.call("envelope").success  # at once: a fault is latched
+
+
 @pytest.mark.parametrize("mode", CHAMBERS_UNDER_PRESSURE)
 def test_each_mode_fills_the_chambers_opposite_to_its_bends(grasp, mode):
     answer = grasp.call(mode)

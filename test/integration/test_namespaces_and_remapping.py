@@ -1,18 +1,23 @@
 """Names on the graph: the interface table, two grippers side by side, and remapping."""
 
 import math
+from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseArray, PoseStamped
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, FluidPressure, Image, JointState
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import BEND_NAMES, CHANNEL_NAMES, FINGER_NAMES
+from mbpam_ros.nodes import transforms
 from mbpam_ros.nodes.grasp_arbiter import GraspArbiterNode
 from mbpam_ros.nodes.interface import NODES, SERVICES, TOPICS
 from mbpam_ros.nodes.messages import joint_state, seconds, time_stamp
@@ -142,6 +147,61 @@ def test_a_running_gripper_fills_every_topic_as_the_interface_table_says(graph):
     assert others["finger_markers"][-1].markers[0].header.frame_id == "gripper_base"
     assert others["detections"][-1].markers[0].header.frame_id == "gripper_base"
     assert others["plant/finger_markers"][-1].markers[0].header.frame_id == "world"
+
+
+class StandInForTransforms:
+    """``tf2_msgs/msg/TFMessage``, which no wheel holds, and what is published of it."""
+
+    sent: dict[str, list] = {}
+
+    def __init__(self, transforms):
+        self.transforms = transforms
+
+    @classmethod
+    def install(cls, monkeypatch):
+        cls.sent, real = {}, Node.create_publisher
+
+        def create(node, message_type, topic, qos, **options):
+            if message_type is not cls:
+                return real(node, message_type, topic, qos, **options)
+            return SimpleNamespace(publish=lambda message: cls.sent.setdefault(topic, []).extend(message.transforms))
+
+        monkeypatch.setattr(transforms, "tf_message_type", lambda: cls)
+        monkeypatch.setattr(Node, "create_publisher", create)
+
+
+def test_frames_hang_together_under_the_gripper_s_prefix_and_the_urdf_names_them_alike(graph, monkeypatch):
+    StandInForTransforms.install(monkeypatch)
+    sent = StandInForTransforms.sent
+    for each in (PressureSensorNode, StateEstimatorNode):
+        graph.add(each, "right", frame_prefix="right/")
+    tips = graph.listen(PoseArray, "right/finger_tips")
+    pressures = graph.listen(FluidPressure, "right/chamber_1_1/pressure")
+    truth = graph.listen(MarkerArray, "right/plant/finger_markers")
+    graph.add(PlantNode, "right", frame_prefix="right/", camera_rate_hz=0.0)
+    graph.spin_until(lambda: tips and pressures and truth, "tips, a pressure and the truth")
+    parents = {each.child_frame_id: each.header.frame_id for topic in ("/tf", "/tf_static") for each in sent[topic]}
+    fingers = [f"right/finger_{i}_{end}" for i in range(1, 5) for end in ("mount", "tip")]
+    hanging = dict.fromkeys([*fingers, "right/camera_optical"], "right/gripper_base")
+    assert parents == {"right/gripper_base": "world", **hanging}
+    stamp = tips[-1].header.stamp
+    where = {each.child_frame_id: each.transform for each in sent["/tf"] if each.header.stamp == stamp}
+    for i, pose in enumerate(tips[-1].poses):
+        assert where[f"right/finger_{i + 1}_tip"].translation.z == pose.position.z == pytest.approx(0.130, abs=2e-3)
+        assert where[f"right/finger_{i + 1}_tip"].rotation == pose.orientation
+    assert hangs(next(each for each in sent["/tf"] if each.header.frame_id == "world"))
+    assert max(point.z for marker in truth[-1].markers[:4] for point in marker.points) == pytest.approx(0.0, abs=1e-3)
+    assert pressures[-1].header.frame_id == "right/finger_1_chamber_1"
+    description = graph.listen(String, "right/robot_description", LATCHED)
+    graph.spin_until(lambda: description, "the URDF, though late")
+    links = {link.get("name") for link in ElementTree.fromstring(description[0].data).iter("link")}
+    assert {"right/gripper_base", "right/camera_optical", *fingers[::2]} <= links
+
+
+def hangs(placed):
+    """Whether a frame in the world has its z axis down, as a palm whose fingers hang."""
+    turn = placed.transform.rotation
+    return 1.0 - 2.0 * (turn.x**2 + turn.y**2) == pytest.approx(-1.0)
 
 
 @pytest.mark.parametrize("namespace", ["", "/left"])

@@ -4,20 +4,30 @@ import importlib.util
 import math
 import os
 import signal
+import socket
+import socketserver
 import subprocess
 import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from mbpam_ros.commands.system import NodeProcesses, Operator  # isort: skip
-from diagnostic_msgs.msg import DiagnosticStatus
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
+from mbpam_ros.configuration import load_config
 from mbpam_ros.nodes.messages import joint_state, time_stamp
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST
+from mbpam_ros.pneumatics.findings import SUPPLY
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DRIVER = EXAMPLES / "own_driver.py"
@@ -32,11 +42,39 @@ def operate(service: str, domain: int) -> str:
     return ended.stdout
 
 
+def example(name: str) -> ModuleType:
+    """An example as a module."""
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture
-def operator(domain, log_directory):
+def start_terminal() -> Iterator[Callable[..., socketserver.BaseServer]]:
+    """Start simulated terminals."""
+    with ExitStack() as stack:
+
+        def start(port: int = 0) -> socketserver.BaseServer:
+            terminal = stack.enter_context(example("simulated_terminal").SimulatedTerminal(port))
+            threading.Thread(target=terminal.serve_forever, args=(0.02,), daemon=True).start()
+            stack.callback(terminal.shutdown)
+            return terminal
+
+        yield start
+
+
+def address(terminal: socketserver.BaseServer) -> str:
+    return "{}:{}".format(*terminal.server_address)
+
+
+@pytest.fixture
+def operator(domain, log_directory, start_terminal):
     environment = {"ROS_DOMAIN_ID": str(domain)}
     with NodeProcesses(log_directory, executables=OTHERS, environment=environment) as processes:
-        driver = subprocess.Popen([sys.executable, DRIVER], env=os.environ | environment)
+        command = [sys.executable, DRIVER, "--ros-args", "-p", f"address:={address(start_terminal())}"]
+        driver = subprocess.Popen(command, env=os.environ | environment)
         operator = Operator("test_operator", idle=processes.check, domain_id=domain)
         yield operator
         operator.close()
@@ -60,12 +98,9 @@ def test_with_the_example_driver_a_grasp_closes_and_opens(operator, domain):
     assert pressures_pa[-1] < 5e3
 
 
-def test_the_example_driver_refuses_openings_that_cannot_be_and_closes_the_valves(graph):
-    spec = importlib.util.spec_from_file_location("own_driver", DRIVER)
-    example = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = example
-    spec.loader.exec_module(example)
-    driver = graph.add(example.DriverNode)
+def test_the_example_driver_refuses_openings_that_cannot_be_and_closes_the_valves(graph, start_terminal):
+    terminal = start_terminal()
+    driver = graph.add(example("own_driver").DriverNode, address=address(terminal))
     commands = graph.publisher(JointState, "valve_commands")
     volts = graph.listen(JointState, "transducers")
     commands.publish(joint_state(time_stamp(1.0), CHANNEL_NAMES, position=[1.0] * 15 + [math.nan]))
@@ -74,4 +109,51 @@ def test_the_example_driver_refuses_openings_that_cannot_be_and_closes_the_valve
     graph.spin_until(lambda: volts and max(volts[-1].effort) > 0.6, "some pressure")
     seen = len(volts)
     graph.spin_until(lambda: len(volts) > seen + 20, "valves without commands")
-    assert max(volts[-1].effort) < 2.0
+    assert max(volts[-1].effort) < 2.0 and not terminal.device.spools.any()
+
+
+def test_a_terminal_that_is_lost_is_said_at_once_closes_by_itself_and_is_found_again(graph, start_terminal):
+    terminal = start_terminal()
+    driver = graph.add(example("own_driver").DriverNode, address=address(terminal))
+    reports = graph.listen(DiagnosticArray, "/diagnostics")
+    commands = graph.publisher(JointState, "valve_commands")
+    opened = joint_state(time_stamp(1.0), (*CHANNEL_NAMES, SUPPLY), position=[1.0] * 17)
+
+    def open_valves(level: bytes) -> bool:
+        commands.publish(opened)
+        return bool(reports) and reports[-1].status[0].level == level
+
+    graph.spin_until(lambda: open_valves(DiagnosticStatus.OK) and terminal.device.spools.all(), "open valves")
+    terminal.shutdown()
+    terminal.server_close()
+    for connection in terminal.connections:
+        connection.shutdown(socket.SHUT_RDWR)
+    graph.spin_until(lambda: open_valves(DiagnosticStatus.ERROR), "the loss")
+    assert address(terminal) in reports[-1].status[0].message and not driver.terminal.connected
+    device = terminal.device
+    graph.spin_until(lambda: device.answer(3, bytes([0, 0, 0, 1])) and not device.spools.any(), "the watchdog")
+    again = start_terminal(terminal.server_address[1])
+    graph.spin_until(lambda: open_valves(DiagnosticStatus.OK) and again.device.spools.all(), "the terminal again")
+    assert driver.connections == 2
+    driver.leave()
+    assert not again.device.spools.any() and again.device.registers[16] == 0
+
+
+def test_driver_and_terminal_speak_modbus_as_another_implementation_does(start_terminal):
+    client_of = pytest.importorskip("pymodbus.client").ModbusTcpClient
+    terminal = start_terminal()
+    config = load_config(example("own_driver").TerminalConfig, EXAMPLES / "terminal.yaml")
+    ours = example("own_driver").Terminal(*terminal.server_address, replace(config, watchdog_s=60.0))
+    ours.start()
+    volts = ours.exchange(np.linspace(-1.0, 1.0, 16), True)
+    assert volts == pytest.approx(0.5, abs=0.02)
+    other = client_of("127.0.0.1", port=terminal.server_address[1])
+    assert other.connect()
+    written = other.read_holding_registers(0, count=18, device_id=1).registers
+    assert [each - 65536 * (each > 32767) for each in written[:16]] == np.rint(np.linspace(-1e4, 1e4, 16)).tolist()
+    assert written[16:] == [1, 60_000]
+    assert not other.write_registers(0, [10_000] * 16, device_id=1).isError()
+    assert terminal.device.spools.tolist() == [1.0] * 16
+    assert other.read_coils(0, count=1, device_id=1).isError()
+    other.close()
+    ours.close()

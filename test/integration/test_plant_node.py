@@ -15,6 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.configuration import ConfigError, load_yaml
+from mbpam_ros.description.frames import up
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.messages import joint_state, seconds, time_stamp
 from mbpam_ros.nodes.plant import PlantNode
@@ -103,7 +104,7 @@ class PlantInLockStep:
     def true_height_m(self, namespace):
         """Height of the palm or the object over its start, from the markers of truth."""
         (marker,) = [item for item in self.truth[-1].markers if item.ns == namespace]
-        return -marker.pose.position.z
+        return marker.pose.position.z
 
 
 def test_transducers_read_half_a_volt_at_ambient_pressure_within_their_noise(graph):
@@ -298,11 +299,11 @@ def test_the_markers_of_truth_show_fingers_palm_and_object_in_the_world(graph):
     assert {marker.header.frame_id for marker in markers} == {"world"}
     assert [marker.ns for marker in markers] == ["finger"] * 4 + ["palm", "object"]
     ends = [(finger.points[-1].x, finger.points[-1].y, finger.points[-1].z) for finger in markers[:4]]
-    np.testing.assert_allclose(ends, load_gripper().finger_base_m + (0.0, 0.0, 0.130), atol=1e-3)
+    np.testing.assert_allclose(ends, up(load_gripper().finger_base_m + (0.0, 0.0, 0.130)), atol=1e-3)
     body = markers[-1]
     assert body.type == Marker.CUBE
     assert (body.scale.x, body.scale.y, body.scale.z) == (0.035, 0.120, 0.060)
-    assert body.pose.position.z == pytest.approx(0.085, abs=1e-3)
+    assert body.pose.position.z == pytest.approx(-0.085, abs=1e-3)
 
 
 def test_the_markers_of_truth_show_every_object_of_a_scene_the_first_as_before(graph, tmp_path):
@@ -319,7 +320,7 @@ def test_the_markers_of_truth_show_every_object_of_a_scene_the_first_as_before(g
         ("other_object", 1, Marker.CUBE),
     ]
     assert second.pose.position.x == pytest.approx(0.15, abs=1e-3)
-    assert second.pose.position.z == pytest.approx(0.285, abs=1e-3)
+    assert second.pose.position.z == pytest.approx(-0.285, abs=1e-3)
 
 
 def test_gravity_from_the_side_pulls_the_fingers_there_and_a_vector_without_direction_is_refused(graph):

@@ -17,6 +17,7 @@ from sensor_msgs.msg import Image, JointState
 from visualization_msgs.msg import MarkerArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
+from mbpam_ros.commands.system import launch_executable
 from mbpam_ros.configuration import config_path
 from mbpam_ros.nodes.interface import NODES, SERVICES, TOPICS
 from mbpam_ros.nodes.messages import joint_state, rgb_image, seconds, time_stamp
@@ -25,29 +26,26 @@ from mbpam_ros.study.judge.hostile import hostile_images
 from mbpam_ros.vision.camera import load_camera_config
 
 START_S = 60.0
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 WATCHDOG_S = 0.2  # of the valve controller
 CAMERALESS = ("plant", "pressure_sensor", "valve_controller", "grasp_arbiter")
 OK = DiagnosticStatus.OK
 
 
-def run_to_its_end(executable: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mbpam_ros.nodes", executable, "--ros-args", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=START_S, check=False)
-
-
-@pytest.mark.parametrize("stop_signal", [signal.SIGINT, signal.SIGTERM])
-def test_every_executable_reports_its_health_and_a_signal_ends_it_with_code_0(start, stop_signal):
+@pytest.mark.parametrize("launch", [launch_executable])  # as users start them
+def test_every_executable_reports_its_health_and_a_signal_ends_it_with_code_0(start, launch):
     gripper = start()
     gripper.enable()
     gripper.ask("grasp/envelope")  # so that the signal meets work in every node
-    codes = gripper.processes.stop(stop_signal)
-    assert codes == dict.fromkeys(NODES, 0)
+    for process, stop_signal in zip(gripper.processes.processes.values(), itertools.cycle(STOP_SIGNALS), strict=False):
+        process.send_signal(stop_signal)
+    assert gripper.processes.stop() == dict.fromkeys(NODES, 0)
     for executable in NODES:
         log = gripper.processes.log(executable).read_text()
         assert "Traceback" not in log and "FATAL" not in log, log
 
 
-@pytest.mark.parametrize("stop_signal", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("stop_signal", STOP_SIGNALS)
 def test_bringup_runs_all_six_nodes_and_a_signal_ends_it_with_code_0(start, stop_signal):
     gripper = start(["bringup"], nodes=NODES)
     gripper.enable()
@@ -57,7 +55,6 @@ def test_bringup_runs_all_six_nodes_and_a_signal_ends_it_with_code_0(start, stop
     assert "Traceback" not in log and "FATAL" not in log, log
 
 
-@pytest.mark.system
 def test_hostile_images_hold_up_no_valve_and_lose_no_grasp(start):
     """In one process with the valves; the gap itself is measured by ``mbpam bench``."""
     gripper = start(["bringup"], arguments={"bringup": ["-p", "object_detector:max_rate_hz:=20.0"]}, nodes=NODES)
@@ -96,31 +93,24 @@ def test_hostile_images_hold_up_no_valve_and_lose_no_grasp(start):
     ],
 )
 def test_a_wrong_parameter_ends_the_executable_with_code_2_and_one_line_that_names_it(
-    executable, parameter, named, domain, monkeypatch
+    executable, parameter, named, nursery
 ):
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    ended = run_to_its_end(executable, "-p", parameter)
+    ended = nursery.run(executable, "--ros-args", "-p", parameter)
     assert ended.returncode == 2
     assert len(ended.stderr.strip().splitlines()) == 1, ended.stderr
     assert ended.stderr.startswith("error: ") and named in ended.stderr
 
 
-def test_ros_arguments_that_cannot_be_read_end_the_executable_with_code_2(domain, monkeypatch):
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    ended = run_to_its_end("plant", "--params-file", "/nowhere/nodes.yaml")
+def test_ros_arguments_that_cannot_be_read_end_the_executable_with_code_2(nursery):
+    ended = nursery.run("plant", "--ros-args", "--params-file", "/nowhere/nodes.yaml")
     assert ended.returncode == 2
     assert "Traceback" not in ended.stderr
     assert ended.stderr.splitlines()[-1].startswith("error: ") and "/nowhere/nodes.yaml" in ended.stderr
 
 
 @pytest.mark.parametrize("executable", [*NODES, "bringup"])
-def test_help_says_what_a_node_does_and_takes_and_starts_none(executable):
-    ended = subprocess.run(
-        [sys.executable, "-m", "mbpam_ros.nodes", executable, "--help"],
-        capture_output=True,
-        text=True,
-        timeout=START_S,
-    )
+def test_help_says_what_a_node_does_and_takes_and_starts_none(executable, nursery):
+    ended = nursery.run(executable, "--help")
     assert ended.returncode == 0 and not ended.stderr
     nodes, prefix = ([executable], "") if executable in NODES else (NODES, "{}:")
     for name in nodes:
@@ -140,18 +130,15 @@ def test_help_says_what_a_node_does_and_takes_and_starts_none(executable):
         (["--ros-args", "-p", "plan:scene:=tomato"], "no node plan in bringup, only plant, "),
     ],
 )
-def test_arguments_that_nobody_would_read_are_refused_with_the_right_spelling(arguments, cure):
-    command = [sys.executable, "-m", "mbpam_ros.nodes", "bringup", *arguments]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=START_S)
+def test_arguments_that_nobody_would_read_are_refused_with_the_right_spelling(arguments, cure, nursery):
+    ended = nursery.run("bringup", *arguments)
     assert ended.returncode == 2
     assert ended.stderr.startswith("error: bringup: ") and cure in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
 
 
-def test_a_parameter_given_to_one_node_by_name_reaches_it_in_a_namespace_too():
-    arguments = ["--ros-args", "-r", "__ns:=/right", "-p", "plant:scene:=nowhere"]
-    command = [sys.executable, "-m", "mbpam_ros.nodes", "bringup", *arguments]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=START_S)
+def test_a_parameter_given_to_one_node_by_name_reaches_it_in_a_namespace_too(nursery):
+    ended = nursery.run("bringup", "--ros-args", "-r", "__ns:=/right", "-p", "plant:scene:=nowhere")
     assert (ended.returncode, ended.stderr[:27]) == (2, "error: no scene 'nowhere'; ")
 
 
@@ -207,8 +194,16 @@ def test_after_kill_of_the_plant_the_other_nodes_report_stay_up_and_go_on_with_a
     gripper.close_fingers()
 
 
-def test_two_grippers_run_side_by_side_under_their_namespaces(start):
-    left, right = (start(CAMERALESS, namespace=namespace) for namespace in ("/left", "/right"))
+def test_two_grippers_run_side_by_side_from_one_parameter_file_in_which_one_differs(start, tmp_path):
+    for_all, for_left = tmp_path / "all.yaml", tmp_path / "left.yaml"
+    parameters = yaml.safe_load(config_path("nodes.yaml").read_text())
+    parameters["/**/plant"]["ros__parameters"] |= {"scene": "tomato", "camera_rate_hz": 0.0}
+    for_all.write_text(yaml.safe_dump(parameters, sort_keys=False))
+    for_left.write_text("/left/plant:\n  ros__parameters:\n    scene: bulb\n")
+    files = ["--params-file", str(for_all), "--params-file", str(for_left)]
+    left, right = (start(["bringup"], common=files, namespace=name, nodes=NODES) for name in ("/left", "/right"))
+    assert left.health("plant")[2]["scene"] == "bulb"
+    assert right.health("plant")[2]["scene"] == "tomato"
     right.enable()
     left.enable()
     left.close_fingers()
@@ -218,18 +213,6 @@ def test_two_grippers_run_side_by_side_under_their_namespaces(start):
     left.ask("grasp/stop")
     left.wait_for_phase("fault")
     right.close_fingers()
-
-
-def test_a_parameter_file_holds_under_any_namespace_and_one_gripper_may_differ(start, tmp_path):
-    for_all, for_left = tmp_path / "all.yaml", tmp_path / "left.yaml"
-    parameters = yaml.safe_load(config_path("nodes.yaml").read_text())
-    parameters["/**/plant"]["ros__parameters"]["scene"] = "tomato"
-    for_all.write_text(yaml.safe_dump(parameters, sort_keys=False))
-    for_left.write_text("/left/plant:\n  ros__parameters:\n    scene: carton\n")
-    files = ["--params-file", str(for_all), "--params-file", str(for_left)]
-    left, right = (start(["bringup"], common=files, namespace=name, nodes=NODES) for name in ("/left", "/right"))
-    assert left.health("plant")[2]["scene"] == "carton"
-    assert right.health("plant")[2]["scene"] == "tomato"
 
 
 def test_topics_can_be_remapped_on_the_command_line(start):

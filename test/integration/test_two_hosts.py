@@ -28,7 +28,7 @@ DELAY_S, JITTER_S, LOSS = 0.005, 0.002, 0.05
 WAIT_S = 90.0
 ARGUMENTS = {"plant": ["-p", "camera_rate_hz:=0.0"]}
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.xdist_group("real_clock")
 
 _TUNSETIFF, _IFF_TAP, _IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
 

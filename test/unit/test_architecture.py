@@ -28,6 +28,7 @@ ALLOWED = {
     "actuator": GROUND,
     "pneumatics": GROUND | {"actuator"},
     "gripper": GROUND | {"actuator"},
+    "description": MACHINE,
     "plant": MACHINE,
     "estimation": MACHINE,
     "grasp": MACHINE,
@@ -35,8 +36,9 @@ ALLOWED = {
     "simulation": MACHINE | {"plant", "estimation", "grasp", "vision"},
     "terminal": set(),
     "study": MACHINE | {"plant", "estimation", "grasp", "vision", "simulation", "terminal"},
-    "nodes": MACHINE | {"plant", "estimation", "grasp", "vision", "terminal"},
-    "commands": MACHINE | {"plant", "estimation", "grasp", "vision", "simulation", "study", "nodes", "terminal"},
+    "nodes": MACHINE | {"description", "plant", "estimation", "grasp", "vision", "terminal"},
+    "commands": MACHINE
+    | {"description", "plant", "estimation", "grasp", "vision", "simulation", "study", "nodes", "terminal"},
 }
 """Which parts of the package a part may import, besides itself."""
 

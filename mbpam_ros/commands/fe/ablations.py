@@ -7,7 +7,6 @@ import argparse
 from mbpam_ros.commands.fe.model import (
     add_comparison,
     can_draw,
-    check_result,
     points_of,
     run_of,
     status_of,
@@ -27,7 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the variants that FILE does not hold; say the errors of each."""
     template, points, progress = run_of(options), points_of(options, SPREAD_POINTS), Progress()
-    check_result(options.json)
     with executor_for(options, len(points) * len(variants(template))) as executor:
         pictures = can_draw(options, progress)
         result = ablations(template, options.json, executor, progress, points)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import time
 
-from mbpam_ros.commands.fe.model import add_mesh, add_model, add_result, check_result, run_of
+from mbpam_ros.commands.fe.model import add_mesh, add_model, add_result, run_of
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.study.fe.design_run import S_PER_JOB, bend_curve
 from mbpam_ros.study.fe.mesh import PATTERNS
@@ -31,7 +31,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the design; say its greatest bend."""
     wanted, progress = run_of(options, options.design, options.pattern), Progress()
-    check_result(options.json)
     announce("one bend curve", S_PER_JOB, progress.stream)
     begun_s = time.monotonic()
     with executor_for(options, 1) as executor:

@@ -11,7 +11,6 @@ from mbpam_ros.commands.fe.model import (
     add_reading,
     add_result,
     can_draw,
-    check_result,
     run_of,
     status_of,
     tell_pictures,
@@ -36,7 +35,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the levels that FILE does not hold; say each trend beside the paper's."""
     template, progress = run_of(options), Progress()
-    check_result(options.json)
     with executor_for(options, sum(map(len, LEVELS.values()))) as executor:
         pictures = can_draw(options, progress)
         result = effects(template, options.json, executor, progress)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 
-from mbpam_ros.commands.fe.model import add_result, check_result, status_of
+from mbpam_ros.commands.fe.model import add_result, status_of
 from mbpam_ros.commands.fe.muscle_model import add_muscle_model, muscle_model
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.study.fe.end_effect import end_effect_table
@@ -28,6 +28,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the patterns that FILE does not hold."""
     model, progress = muscle_model(options), Progress()
-    check_result(options.json)
     with executor_for(options, len(PATTERNS)) as executor:
         return status_of(end_effect_table(model, options.json, executor, progress))

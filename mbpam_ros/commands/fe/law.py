@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from mbpam_ros.commands.fe.model import add_mesh, add_model, add_reading, add_result, check_result, run_of, status_of
+from mbpam_ros.commands.fe.model import add_mesh, add_model, add_reading, add_result, run_of, status_of
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.study.fe.law_table import PRESSURES_KPA, law_table
 from mbpam_ros.study.fe.mesh import PATTERNS
@@ -24,7 +24,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the pressures that FILE does not hold."""
     template, progress = run_of(options), Progress()
-    check_result(options.json)
     with executor_for(options, len(PATTERNS) * len(PRESSURES_KPA)) as executor:
         result = law_table(template, options.json, executor, progress)
     progress.say(mesh_error_text(template.resolution))

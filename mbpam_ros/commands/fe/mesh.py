@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from mbpam_ros.commands.fe.model import add_model, add_reading, add_result, check_result, run_of, status_of
+from mbpam_ros.commands.fe.model import add_model, add_reading, add_result, run_of, status_of
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.study.fe.design_run import DEFAULT_MESH, MESHES
 from mbpam_ros.study.fe.mesh_error import DESIGNS, REFINED, mesh_errors
@@ -23,7 +23,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the bends that FILE does not hold; say the error of each mesh."""
     template, progress = run_of(options), Progress()
-    check_result(options.json)
     with executor_for(options, len(DESIGNS) * (len(MESHES) + len(REFINED))) as executor:
         result = mesh_errors(template, options.json, executor, progress)
     designs = list(dict.fromkeys(design for found in result["errors"].values() for design in found["by_design_pct"]))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.fe.design_run import DEFAULT_MESH, FAST_MESH, FAST_WALL_MM, MESHES, Run
@@ -20,12 +21,12 @@ from mbpam_ros.terminal import Progress
 
 
 class ArgumentError(MbpamError, ValueError):
-    """The arguments describe no muscle, or a file that cannot be written; the message says what is wrong."""
+    """The arguments describe no muscle; the message says what is wrong."""
 
 
 def add_result(parser: argparse.ArgumentParser, what: str) -> None:
     """Add ``--json``."""
-    parser.add_argument("--json", type=Path, metavar="FILE", required=True, help=what)
+    parser.add_argument("--json", type=result_file, metavar="FILE", required=True, help=what)
 
 
 def add_mesh(parser: argparse.ArgumentParser) -> None:
@@ -156,16 +157,6 @@ def points_of(options: argparse.Namespace, default: Sequence[str] | None = None)
             "table_5:1 to :3 and measured:psc"
         )
     return [known[name] for name in names]
-
-
-def check_result(path: Path) -> None:
-    """Check, before minutes are spent, that the result can be written.
-
-    Raises:
-        ArgumentError: it is a folder, or its folder does not exist.
-    """
-    if path.is_dir() or not path.absolute().parent.is_dir():
-        raise ArgumentError(f"cannot write {path}: it is a folder, or its folder does not exist")
 
 
 def can_draw(options: argparse.Namespace, progress: Progress) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 
-from mbpam_ros.commands.fe.model import add_result, check_result
+from mbpam_ros.commands.fe.model import add_result
 from mbpam_ros.commands.fe.muscle_model import add_muscle_model, muscle_model
 from mbpam_ros.commands.muscle_state import add_muscle_state, muscle_state
 from mbpam_ros.study.fe.loaded_muscle import S_PER_STATE, LoadedMuscle
@@ -29,7 +29,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Solve, print and write."""
     wanted, model, progress = muscle_state(options), muscle_model(options), Progress()
-    check_result(options.json)
     announce("one state from rest", S_PER_STATE[model.mesh], progress.stream)
     muscle = LoadedMuscle(model)
     row = muscle.row(wanted)

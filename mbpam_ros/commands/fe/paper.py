@@ -8,7 +8,6 @@ import json
 from mbpam_ros.commands.fe.model import (
     add_comparison,
     can_draw,
-    check_result,
     points_of,
     run_of,
     status_of,
@@ -28,7 +27,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the designs that FILE does not hold; print the errors."""
     template, points, progress = run_of(options), points_of(options), Progress()
-    check_result(options.json)
     with executor_for(options, len(points)) as executor:
         pictures = can_draw(options, progress)
         result = compare_with_paper(template, options.json, executor, progress, points)

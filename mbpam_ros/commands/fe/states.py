@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 
-from mbpam_ros.commands.fe.model import add_result, check_result, status_of
+from mbpam_ros.commands.fe.model import add_result, status_of
 from mbpam_ros.commands.fe.muscle_model import add_muscle_model, muscle_model
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.study.fe.state_set import PATHS, state_set
@@ -29,7 +29,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the paths that FILE's neighbour does not hold."""
     model, progress = muscle_model(options), Progress()
-    check_result(options.json)
     paths = {name: PATHS[name] for name in options.path or PATHS}
     with executor_for(options, len(paths)) as executor:
         return status_of(state_set(model, options.json, executor, progress, paths))

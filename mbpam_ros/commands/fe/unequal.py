@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from mbpam_ros.commands.fe.model import add_mesh, add_model, add_reading, add_result, check_result, run_of, status_of
+from mbpam_ros.commands.fe.model import add_mesh, add_model, add_reading, add_result, run_of, status_of
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.study.fe.unequal_pressures import SHARES, unequal_table
 from mbpam_ros.terminal import Progress
@@ -22,6 +22,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the sets of pressures that FILE does not hold."""
     template = run_of(options)
-    check_result(options.json)
     with executor_for(options, len(SHARES)) as executor:
         return status_of(unequal_table(template, options.json, executor, Progress()))

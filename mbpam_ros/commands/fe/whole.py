@@ -12,9 +12,9 @@ refines the elements. A muscle takes minutes. FILE is kept up to date, and muscl
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from mbpam_ros.commands.fe.model import add_result
+from mbpam_ros.commands.result_arguments import result_folder
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.study.fe import whole_muscle_report
 from mbpam_ros.study.pictures import require_matplotlib
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_result(parser, "result, kept up to date")
     names = sorted(whole_muscle_report.STUDIES)
     parser.add_argument("--study", choices=names, action="append", help="one study; may be repeated")
-    parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw the muscles that the result holds")
+    parser.add_argument("--pictures", type=result_folder, metavar="DIR", help="draw the muscles that the result holds")
     add_workers(parser)
 
 

@@ -30,7 +30,7 @@ from mbpam_ros.study.fe.law_table import BENDS_DEG, PRESSURES_KPA
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.study.muscle import build
 from mbpam_ros.study.muscle.report import write_report
-from mbpam_ros.study.result_file import make_folder_of, write_json, write_text
+from mbpam_ros.study.result_file import require_makeable, write_json, write_text
 from mbpam_ros.terminal import Progress
 
 
@@ -68,7 +68,8 @@ def run(options: argparse.Namespace) -> int:
     rule: tuple[str, Rule] = ("knee", knee)
     if options.required_force is not None:
         rule = f"required force {options.required_force:g} N", required_force(options.required_force)
-    make_folder_of(folder / "samples.json")
+    require_makeable(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     with executor_for(options, 2 * (1 + plan.samples + plan.checks)) as executor:
         rows, failures = build.run_samples(drawing, plan, folder, executor, progress)
         front = build.front_of(drawing, plan, rows, rule, folder, executor, progress)

@@ -9,9 +9,9 @@ They need the extra "cad". Every solid is checked to be closed; what cannot be p
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from mbpam_ros.actuator.drawing import load_drawing
+from mbpam_ros.commands.result_arguments import result_folder
 from mbpam_ros.study.muscle.casting import write_guide
 from mbpam_ros.study.muscle.moulds import moulds_of
 from mbpam_ros.study.muscle.solids import SolidError, is_sound, write_3mf, write_stl
@@ -21,7 +21,7 @@ from mbpam_ros.terminal import table
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("name", metavar="NAME", help="of a drawing in config/muscles")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the files go")
+    parser.add_argument("--out", type=result_folder, required=True, metavar="DIR", help="where the files go")
     parser.add_argument("--3mf", dest="with_3mf", action="store_true", help="write 3MF besides STL")
     parser.add_argument("--bed-mm", type=float, default=220.0, metavar="MM", help="longest side the printer takes")
 
@@ -33,6 +33,7 @@ def run(options: argparse.Namespace) -> int:
     unsound = [name for name, solid in moulds.parts.items() if not is_sound(solid)]
     if unsound:
         raise SolidError(f"{', '.join(unsound)}: not closed; this is a fault of the program, please report the drawing")
+    options.out.mkdir(parents=True, exist_ok=True)
     rows = []
     for name, solid in moulds.parts.items():
         write_stl(solid, options.out / f"{name}.stl")

@@ -6,7 +6,6 @@ start inside something is drawn again. The same seed and number give the same gr
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +34,8 @@ class DrawnGrasp:
     Args:
         mode: that suits it.
         scene: with it.
-        expected: what an operator would tell of it: its mass class's heaviest, and the friction of the class below.
+        expected: what an operator would tell of it: between which masses its class lies, and the friction of the class
+            below.
     """
 
     mode: str
@@ -72,7 +72,8 @@ def expected_of(spec: ObjectSpec | None, friction_coefficient: float, config: Gr
     """Return what the names of an object's classes tell of it."""
     if spec is None:
         return Expected()
-    classes = config.mass_classes_kg
-    heaviest = next((kg for kg in (classes.light, classes.medium, classes.heavy) if spec.mass_kg <= kg), math.inf)
     least = max((each for each in FRICTIONS if each <= friction_coefficient), default=friction_coefficient)
-    return Expected(heaviest if math.isfinite(heaviest) else spec.mass_kg, least)
+    names = ("light", "medium", "heavy")
+    classes = (config.mass_classes_kg.named(name) for name in names)
+    lightest, heaviest = next((each for each in classes if spec.mass_kg <= each[1]), (spec.mass_kg, spec.mass_kg))
+    return Expected(heaviest, least, lightest)

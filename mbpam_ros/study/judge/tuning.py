@@ -21,43 +21,53 @@ from mbpam_ros.vision.detector import DetectorConfig, Source, described
 from mbpam_ros.vision.region_fit import Hypothesis
 
 _RIDGE = 3.0
+_LARGEST_SCORE = 30.0
 
 
-def fit_weights(hypotheses: Sequence[Hypothesis], right: Sequence[bool]) -> dict[str, float]:
-    """Return the weights of the logistic function that makes what was seen most likely.
+def fit_weights(regions: Sequence[Sequence[Hypothesis]], right: Sequence[Sequence[bool]]) -> dict[str, float]:
+    """Return the weights of :func:`~mbpam_ros.vision.confidence.probabilities` that make what was seen most likely.
 
-    Maximum likelihood with a ridge, which keeps the weights of features that hardly vary small.
+    Maximum likelihood with a ridge, which keeps the weights of features that hardly vary small. Where several readings
+    of a region are right, one of them being so is what counts.
 
     Args:
-        hypotheses: of all forms, whichever was answered.
+        regions: the readings of each region, whichever was answered.
         right: whether each is right.
     """
-    rows = np.array([[features(item)[name] for name in FEATURES] for item in hypotheses])
-    sign = np.where(np.asarray(right), 1.0, -1.0)
+    kept = [(readings, flags) for readings, flags in zip(regions, right, strict=True) if readings]
+    rows = np.array([[features(item)[name] for name in FEATURES] for readings, _ in kept for item in readings])
+    is_right = np.array([flag for _, flags in kept for flag in flags], dtype=float)
+    region = np.repeat(np.arange(len(kept)), [len(readings) for readings, _ in kept])
+    some_right = np.bincount(region, weights=is_right) > 0.0
     penalty = np.full(len(FEATURES), _RIDGE)
     penalty[0] = 0.0
 
     def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        margin = sign * (rows @ weights)
-        slope = -sign / (1.0 + np.exp(np.clip(margin, -500.0, 500.0)))
-        value = np.logaddexp(0.0, -margin).sum() + 0.5 * (penalty * weights**2).sum()
-        return float(value), rows.T @ slope + penalty * weights
+        odds = np.exp(np.clip(rows @ weights, -_LARGEST_SCORE, _LARGEST_SCORE))
+        total, of_right = 1.0 + np.bincount(region, weights=odds), np.bincount(region, weights=odds * is_right)
+        chosen = np.where(some_right, of_right, 1.0)
+        value = (np.log(total) - np.log(chosen)).sum()
+        slope = odds / total[region] - some_right[region] * odds * is_right / chosen[region]
+        return float(value + 0.5 * (penalty * weights**2).sum()), rows.T @ slope + penalty * weights
 
     weights = minimize(loss, np.zeros(len(FEATURES)), jac=True, method="L-BFGS-B", options={"maxiter": 2000}).x
     return {name: round(float(value), 3) for name, value in zip(FEATURES, weights, strict=True)}
 
 
-def labelled(judged: Iterable[Judged]) -> tuple[list[Hypothesis], list[bool]]:
-    """Return all hypotheses of judged images, and whether each is right."""
-    hypotheses, right = [], []
+def labelled(judged: Iterable[Judged]) -> tuple[list[tuple[Hypothesis, ...]], list[list[bool]]]:
+    """Return the readings of all regions of judged images, and whether each is right."""
+    regions, right = [], []
     for item in judged:
-        seen = item.seen
-        for hypothesis in seen.hypotheses:
-            found = described(hypothesis, seen.camera, seen.support_depth_m, seen.source)
-            things = item.scene.things
-            hypotheses.append(hypothesis)
-            right.append(any(gap_m(thing, found) < MATCHED_WITHIN_M and is_right(thing, found) for thing in things))
-    return hypotheses, right
+        for readings in item.seen.readings:
+            regions.append(readings)
+            right.append([_is_right(hypothesis, item) for hypothesis in readings])
+    return regions, right
+
+
+def _is_right(hypothesis: Hypothesis, item: Judged) -> bool:
+    seen = item.seen
+    found = described(hypothesis, seen.camera, seen.support_depth_m, seen.source)
+    return any(gap_m(thing, found) < MATCHED_WITHIN_M and is_right(thing, found) for thing in item.scene.things)
 
 
 def refitted(config: DetectorConfig, judged: Mapping[Source, Sequence[Judged]]) -> DetectorConfig:

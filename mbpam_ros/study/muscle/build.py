@@ -206,13 +206,10 @@ def front_of(
     low, high = domain.bounds_mm
     inside = np.all((low <= checks.design_mm) & (checks.design_mm <= high), axis=1)
     checks = Samples(checks.design_mm[inside], {key: values[inside] for key, values in checks.responses.items()})
-    judged = {
-        "left out": compare(training, None, "constant", "gaussian", executor, progress, folder / "left_out_runs.json")
-    }
+    judge = partial(compare, training, executor=executor, progress=progress)
+    judged = {"left out": judge(None, kept_in=folder / "left_out_runs.json")}
     if len(checks.design_mm) >= 3:
-        judged["checks"] = compare(
-            training, checks, "constant", "gaussian", executor, progress, folder / "checks_runs.json"
-        )
+        judged["checks"] = judge(checks, kept_in=folder / "checks_runs.json")
     best = min(judged["left out"], key=lambda name: _error(judged, name)).lower()
     responses = fitted_responses(best, training)
     truth = grid_front(responses.objectives, responses.domain, optimise_design.GRID)
@@ -290,4 +287,5 @@ def keep_built(drawing: MuscleDrawing, plan: BuildPlan, rows: Sequence[dict[str,
 
 
 def _row_text(row: dict[str, Any]) -> str:
-    return f"{row['name']}: {row['theta_max_deg']:.1f} deg, {row['f_max_n']:.3f} N, wall stretched to {row['stretch_max']:.2f}"
+    performance = f"{row['theta_max_deg']:.1f} deg, {row['f_max_n']:.3f} N"
+    return f"{row['name']}: {performance}, wall stretched to {row['stretch_max']:.2f}"

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mbpam_ros.actuator.drawing import MuscleDrawing
 from mbpam_ros.errors import MbpamError
-from mbpam_ros.study.result_file import ResultFileError, make_folder_of
+from mbpam_ros.study.result_file import ResultFileError
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -97,10 +97,10 @@ def is_sound(solid: Manifold) -> bool:
 
 
 def write_stl(solid: Manifold, path: Path) -> None:
-    """Write binary STL [mm]; folders are made.
+    """Write binary STL [mm].
 
     Raises:
-        ResultFileError: it cannot be written.
+        ResultFileError: its folder is missing or cannot be written.
     """
     corners = _corners(solid)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -111,7 +111,7 @@ def write_stl(solid: Manifold, path: Path) -> None:
 
 
 def write_3mf(solid: Manifold, path: Path) -> None:
-    """Write 3MF [mm]; folders are made.
+    """Write 3MF [mm].
 
     Raises:
         ResultFileError: it cannot be written.
@@ -141,7 +141,6 @@ def write_3mf(solid: Manifold, path: Path) -> None:
         'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
     )
     beside = path.with_name(path.name + ".part")
-    make_folder_of(path)
     try:
         with zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, text in (("[Content_Types].xml", types), ("_rels/.rels", relations), ("3D/3dmodel.model", model)):
@@ -160,7 +159,6 @@ def _corners(solid: Manifold) -> Array:
 
 def _write(path: Path, content: bytes) -> None:
     beside = path.with_name(path.name + ".part")
-    make_folder_of(path)
     try:
         beside.write_bytes(content)
         beside.replace(path)

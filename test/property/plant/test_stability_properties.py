@@ -98,7 +98,7 @@ def assert_finite(value):
         assert value is None or np.isfinite(value).all()
 
 
-@settings(max_examples=250)
+@settings(max_examples=100)
 @given(setups(), corners, chambers, chambers, st.lists(st.integers(1, 12), min_size=1, max_size=3), st.booleans())
 def test_any_step_ends_finite_or_in_an_error_that_says_what_to_change(setup, design, start, end, counts, raised):
     """Pressures from one set to another within the first step, at times a hand that is raised by 0.1 m meanwhile."""

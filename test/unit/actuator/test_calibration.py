@@ -1,3 +1,4 @@
+import itertools
 import math
 import time
 
@@ -22,6 +23,7 @@ from mbpam_ros.gripper import load_gripper
 GRIPPER = load_gripper()
 GEOMETRY, ROD, INITIAL = GRIPPER.geometry, GRIPPER.rod_geometry, MuscleDesign(2.5, 2.0)
 DESIGNS = [INITIAL, MuscleDesign(1.5, 1.0), MuscleDesign(3.5, 1.0), MuscleDesign(1.5, 3.0), MuscleDesign(3.5, 3.0)]
+TARGETS = ("fe", "test")
 PRESSURES_PA = np.arange(10e3, 101e3, 5e3)
 
 
@@ -33,8 +35,7 @@ def angle_and_force(law, pattern):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("target", ["fe", "test"])
-@pytest.mark.parametrize("metamodel", METAMODELS)
+@pytest.mark.parametrize(("metamodel", "target"), list(zip(METAMODELS, itertools.cycle(TARGETS), strict=False)))
 @pytest.mark.parametrize("design", DESIGNS, ids=str)
 def test_the_calibrated_rod_returns_angle_and_force_of_the_design(design, metamodel, target):
     assert_returns_its_targets(design, metamodel, target)

@@ -17,7 +17,7 @@ from mbpam_ros.nodes.interface import NODES
 from mbpam_ros.plant.scene import PAPER_SCENES, load_scene
 from mbpam_ros.terminal import Progress
 
-FIELDS = ["object", "mode", "expected_mode", "detected_size_m", "true_size_m", "held", "rise_m", "close_s"]
+FIELDS = ["object", "mode", "expected_mode", "detected_size_m", "true_size_m", "held", "rise_m", "close_s", "hand_says"]
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def grasps(monkeypatch):
                 raise NodeSystemError("closing: not within 10 s")
             mode, size_m = scene.object.expected_mode, list(scene.object.size_m)
             held = scene.name not in self.dropped
-            return GraspResult(scene.object.name, mode, mode, size_m, size_m, held, 0.1 * held, 0.58)
+            return GraspResult(scene.object.name, mode, mode, size_m, size_m, held, 0.1 * held, 0.58, "unknown")
 
     calls = Grasps()
     monkeypatch.setattr(demo, "grasp", calls)
@@ -109,7 +109,7 @@ def test_the_table_has_the_papers_result_beside_the_own(grasps, capsys):
 
 
 def test_the_json_is_a_list_of_the_grasps(grasps, tmp_path):
-    file = tmp_path / "new" / "objects.json"
+    file = tmp_path / "objects.json"
     main(["demo", "--objects", "bulb", "carton", "--json", str(file)])
     rows = json.loads(file.read_text())
     assert [row["object"] for row in rows] == ["bulb", "carton"]
@@ -118,7 +118,7 @@ def test_the_json_is_a_list_of_the_grasps(grasps, tmp_path):
 
 def test_the_watcher_tells_the_slowest_pace_of_the_plant_in_the_grasp():
     operator = FakeOperator()
-    watcher = Watcher(operator)
+    watcher = Watcher(operator.node)
     operator.publish_values("grasp_state", phase="idle")
     operator.publish_values("/diagnostics", real_time_factor="0.30")  # starting
     assert watcher.pace == "the plant has not told its pace"
@@ -140,6 +140,7 @@ def test_a_fault_ends_the_grasp_at_once_with_its_reason(monkeypatch, tmp_path):
     processes = contextlib.nullcontext(types.SimpleNamespace(check=lambda: None))
     monkeypatch.setattr(demo, "NodeProcesses", lambda *_: processes)
     monkeypatch.setattr(demo, "Operator", lambda *_, **__: FaultyOperator())
+    monkeypatch.setattr(demo, "_recorded", lambda *_: contextlib.nullcontext())
     with pytest.raises(NodeSystemError, match="waiting for plant.*: fault: 16 of 16 channels at fault"):
         demo.grasp("bulb", load_scene("bulb")[0], "rod", tmp_path, Progress())
 

@@ -56,14 +56,14 @@ COMMAND = ["detect", "--image", "photo.png", "--camera-info", "info.yaml", "--su
 
 
 def test_an_image_file_becomes_detections_and_an_overlay(files, photograph, capsys):
-    assert main([*COMMAND, "--json", "new/found.json", "--overlay", "new/found.png"]) == 0
-    found = json.loads((files / "new" / "found.json").read_text())
+    assert main([*COMMAND, "--json", "found.json", "--overlay", "found.png"]) == 0
+    found = json.loads((files / "found.json").read_text())
     (ball,) = found["detections"]
     assert (found["frame"], ball["shape"], ball["label"], ball["yaw_rad"]) == ("gripper_base", "sphere", "sphere", 0.0)
     assert ball["size_m"] == pytest.approx([2.0 * RADIUS_M] * 3, abs=0.005)
     assert ball["position_m"] == pytest.approx(photograph[1], abs=0.005)
     assert 0.5 < ball["confidence"] <= 1.0 and np.linalg.norm(ball["orientation_xyzw"]) == pytest.approx(1.0)
-    drawn, given = cv2.imread("new/found.png"), cv2.imread("photo.png")
+    drawn, given = cv2.imread("found.png"), cv2.imread("photo.png")
     assert drawn.shape == given.shape
     changed = np.argwhere((drawn != given).any(axis=2))
     outline = np.array(ball["contour_px"])[:, ::-1]

@@ -1,5 +1,6 @@
 """``mbpam``: its list of verbs, help of each without what it needs, and how it ends."""
 
+import argparse
 import importlib
 import os
 import signal
@@ -10,6 +11,7 @@ import pytest
 
 from mbpam_ros.commands import fe, plan
 from mbpam_ros.commands.mbpam import VERBS, main
+from mbpam_ros.commands.result_arguments import result_folder
 
 MBPAM = [sys.executable, "-u", "-m", "mbpam_ros.commands"]
 
@@ -75,6 +77,33 @@ def test_what_a_verb_refuses_is_said_in_one_line_with_status_1():
     assert (ended.returncode, ended.stdout) == (1, "")
     assert ended.stderr.startswith("mbpam plan: ") and "no scene 'piano'" in ended.stderr
     assert ended.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", [["sample", "--csv"], ["grip-table", "--json"], ["silicone", "--picture"]])
+@pytest.mark.parametrize(
+    ("path", "why"),
+    [("missing/x.json", "there is no folder /"), ("folder", "it is a folder"), ("/proc/x.json", "No such file")],
+)
+def test_a_result_that_cannot_be_written_is_refused_at_once_and_leaves_nothing(
+    arguments, path, why, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments, path])
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"mbpam {arguments[0]}: argument {arguments[1]}: cannot write {path}: {why}")
+    assert told.count("\n") == 1 and list(tmp_path.rglob("*")) == [tmp_path / "folder"]
+
+
+def test_a_folder_for_results_is_made_later_unless_it_cannot_be(tmp_path):
+    assert result_folder(str(tmp_path / "new" / "logs")) == tmp_path / "new" / "logs"
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "file").touch()
+    for path in ("/proc/logs", str(tmp_path / "file"), str(tmp_path / "file" / "logs")):
+        with pytest.raises(argparse.ArgumentTypeError, match="cannot write"):
+            result_folder(path)
 
 
 def test_an_error_that_is_not_ours_is_not_swallowed(monkeypatch):

@@ -16,7 +16,7 @@ LEVEL = np.eye(3)
 def rests(shape, size, centre, rotation=LEVEL, foot=(np.inf, np.inf)):
     """Places, numbers and shares of the rest points."""
     points = np.empty((REST_POINTS, 5))
-    count = rest_points(
+    count = rest_points.py_func(  # to compile it takes seconds
         shape, 0.5 * np.array(size), np.array(centre, dtype=float), np.array(rotation, dtype=float), *foot, points
     )
     assert (np.diff(points[:count, 3]) > 0.0).all()  # springs are found again by it

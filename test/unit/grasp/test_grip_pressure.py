@@ -51,6 +51,10 @@ def planner(table_rows=None, limit_pa=110e3, **config):
     return GripPlanner(GripConfig(**config), table, limit_pa)
 
 
+def weighing(mass_kg):
+    return Expected(mass_kg, lightest_kg=mass_kg)
+
+
 def test_between_the_measured_places_a_linear_law_comes_back():
     table = GripTable(rows(), HIGHEST_PA, STEP_PA)
     rng = np.random.default_rng(4)
@@ -69,30 +73,29 @@ def test_beyond_the_measured_places_the_nearest_counts_but_no_pressure_holds_a_h
 def test_the_grip_is_the_least_pressure_and_the_margin():
     grip = planner(margin_ratio=0.1, margin_pa=1000.0)
     least = linear_pa(0.05, 0.075, 0.5, 0.12)
-    assert grip.pressure_gauge_pa("mid_rod", 0.05, 0.075, 0.12, 0.5) == pytest.approx(1.1 * least + 1000.0)
+    assert grip.pressure_gauge_pa("mid_rod", 0.05, 0.075, 0.5, weighing(0.12)) == pytest.approx(1.1 * least + 1000.0)
 
 
 def test_a_margin_beyond_the_limit_is_cut_to_it():
-    least = linear_pa(0.05, 0.075, 0.5, 0.12)
-    grip = planner(limit_pa=least + 10.0)
-    assert grip.pressure_gauge_pa("mid_rod", 0.05, 0.075, 0.12, 0.5) == least + 10.0
+    grip = planner(rows(lambda *_: 100e3), limit_pa=101e3)
+    assert grip.pressure_gauge_pa("mid_rod", 0.05, 0.075, 0.5, weighing(0.12)) == 101e3
 
 
 def test_what_needs_more_than_the_limit_is_too_heavy_by_name_and_figures():
     grip = planner(rows(lambda width, depth, friction, mass: 60e3 if mass < 0.1 else 118e3))
-    found = grip.pressure_gauge_pa("mid_rod", 0.05, 0.075, 0.12, 0.5)
-    assert found == "too heavy: 120 g needs 118 kPa with a friction of 0.5, limit 110"
+    found = grip.pressure_gauge_pa("mid_rod", 0.05, 0.075, 0.5, weighing(0.12))
+    assert found == "too heavy: 120 g needs 118 kPa even with a friction of 0.8, limit 110"
 
 
 def test_what_is_thinner_than_anything_measured_is_too_thin():
-    assert planner().pressure_gauge_pa("mid_rod", 0.026, 0.075, None, 0.5) == (
+    assert planner().pressure_gauge_pa("mid_rod", 0.026, 0.075, 0.5, weighing(None)) == (
         "too thin by 4.0 mm: 26.0 mm, 30 mm are known to be held"
     )
-    assert planner().pressure_gauge_pa("mid_rod", 0.028, 0.075, None, 0.5) is None
+    assert planner().pressure_gauge_pa("mid_rod", 0.028, 0.075, 0.5, weighing(None)) is None
 
 
 def test_without_a_mass_the_mode_decides():
-    assert planner().pressure_gauge_pa("mid_rod", 0.05, 0.075, None, 0.5) is None
+    assert planner().pressure_gauge_pa("mid_rod", 0.05, 0.075, 0.5, weighing(None)) is None
 
 
 def held_between(low_m, high_m, heaviest_kg=1.0):
@@ -101,23 +104,40 @@ def held_between(low_m, high_m, heaviest_kg=1.0):
 
 @pytest.mark.parametrize("mass_kg", [None, 0.1])
 def test_an_object_that_lies_where_even_the_lightest_is_lost_is_too_deep_or_too_near(mass_kg):
-    deep = planner(held_between(0.0, 0.08)).pressure_gauge_pa("mid_rod", 0.05, 0.1, mass_kg, 0.5)
+    deep = planner(held_between(0.0, 0.08)).pressure_gauge_pa("mid_rod", 0.05, 0.1, 0.5, weighing(mass_kg))
     assert deep == "too deep by 1 mm: 100 mm below the palm, the fingers hold it at 70 to 99 mm"
-    near = planner(held_between(0.08, 1.0)).pressure_gauge_pa("mid_rod", 0.05, 0.06, mass_kg, 0.5)
+    near = planner(held_between(0.08, 1.0)).pressure_gauge_pa("mid_rod", 0.05, 0.06, 0.5, weighing(mass_kg))
     assert near == "too near by 11 mm: 60 mm below the palm, the fingers hold it at 71 to 100 mm"
-    nowhere = planner(held_between(1.0, 1.0)).pressure_gauge_pa("mid_rod", 0.05, 0.06, mass_kg, 0.5)
+    nowhere = planner(held_between(1.0, 1.0)).pressure_gauge_pa("mid_rod", 0.05, 0.06, 0.5, weighing(mass_kg))
     assert nowhere == "no depth at which 110 kPa hold 50 mm in mid_rod"
 
 
-def test_beside_a_place_where_objects_are_lost_the_grip_grows_to_the_limit():
-    grip = planner(held_between(0.0, 0.08), margin_ratio=0.0, margin_pa=0.0)
-    found = [grip.pressure_gauge_pa("mid_rod", 0.05, depth, 0.1, 0.5) for depth in (0.08, 0.09, 0.0999)]
-    assert found == pytest.approx([60e3, 85e3, 109.75e3])
+def test_where_it_may_be_lost_the_mode_decides():
+    beside = planner(held_between(0.0, 0.08)).pressure_gauge_pa("mid_rod", 0.05, 0.09, 0.5, weighing(0.1))
+    some_of_the_class = planner(held_between(0.0, 1.0, 0.1))
+    assert beside is None
+    assert some_of_the_class.pressure_gauge_pa("mid_rod", 0.05, 0.08, 0.5, Expected(0.2, lightest_kg=0.1)) is None
+    assert some_of_the_class.pressure_gauge_pa("mid_rod", 0.05, 0.08, 0.5, Expected(0.2)) is None
+
+
+def test_a_class_lies_between_the_one_below_and_its_heaviest():
+    classes = MassClasses(0.06, 0.12, 0.2)
+    assert [classes.named(name) for name in ("light", "medium", "heavy")] == [(None, 0.06), (0.06, 0.12), (0.12, 0.2)]
 
 
 def test_where_the_lightest_is_held_a_heavier_object_is_too_heavy():
-    found = planner(held_between(0.0, 1.0, 0.1)).pressure_gauge_pa("mid_rod", 0.05, 0.08, 0.2, 0.5)
+    found = planner(held_between(0.0, 1.0, 0.1)).pressure_gauge_pa("mid_rod", 0.05, 0.08, 0.5, weighing(0.2))
     assert found.startswith("too heavy: 200 g needs more than 120 kPa")
+
+
+@pytest.mark.parametrize("mode", MODE_NAMES)
+def test_the_shipped_table_asks_for_more_the_heavier_and_the_more_slippery(mode):
+    table = load_grip_table()
+    width_m, depth_m = {"envelope": (0.06, 0.08), "mid_rod": (0.035, 0.085)}.get(mode, (0.022, 0.07))
+    by_mass = [interpolated(table, mode, width_m, depth_m, 0.6, mass_kg) for mass_kg in (0.02, 0.06, 0.12, 0.2)]
+    assert by_mass == sorted(by_mass) and by_mass[0] < by_mass[-1]
+    slippery, rough = (interpolated(table, mode, width_m, depth_m, friction, 0.12) for friction in (0.4, 0.8))
+    assert rough <= slippery
 
 
 @pytest.mark.parametrize(

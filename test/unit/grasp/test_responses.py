@@ -113,18 +113,3 @@ def test_pressure_in_an_idle_chamber_keeps_a_grasp_from_starting():
     assert not refusal.accepted and "finger_2_chamber_4 at 8000 Pa" in refusal.reason
     grasp.pass_time(0.1, np.zeros(16))
     assert grasp.arbiter.request_mode("envelope", grasp.time_s).accepted
-
-
-def test_set_points_of_another_keep_a_grasp_from_starting_and_end_one():
-    foreign = np.full(16, 20e3)
-    grasp = Grasp(Phase.IDLE)
-    grasp.arbiter.observe_setpoints(grasp.time_s, np.zeros(16))
-    assert grasp.arbiter.obstacle(grasp.time_s) is None
-    grasp.arbiter.observe_setpoints(grasp.time_s, foreign)
-    assert "second one" in grasp.arbiter.request_mode("envelope", grasp.time_s).reason
-    grasp.pass_time(1.1, np.zeros(16))
-    assert grasp.arbiter.request_mode("envelope", grasp.time_s).accepted
-    grasp.arbiter.observe_setpoints(grasp.time_s, np.zeros(16))  # its own, under way when it changed
-    assert grasp.decision.phase is Phase.CLOSING
-    grasp.arbiter.observe_setpoints(grasp.time_s, foreign)
-    assert (grasp.decision.phase, grasp.decision.air) == (Phase.FAULT, Air.VENT)

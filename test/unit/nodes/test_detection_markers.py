@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 
-from mbpam_ros.nodes.markers import BASE_FRAME, colour, hidden_lengths, mark_hidden_lengths, solid_marker
+from mbpam_ros.nodes.markers import colour, hidden_lengths, mark_hidden_lengths, solid_marker
 
 
 def marker(shape, size_m):
     return solid_marker(
-        Time(), BASE_FRAME, shape, 0, shape, size_m, np.zeros(3), (0.0, 0.0, 0.0, 1.0), colour((1, 1, 1))
+        Time(), "gripper_base", shape, 0, shape, size_m, np.zeros(3), (0.0, 0.0, 0.0, 1.0), colour((1, 1, 1))
     )
 
 

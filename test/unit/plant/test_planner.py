@@ -316,6 +316,15 @@ def test_where_the_model_alone_is_beyond_the_tolerance_no_nearer_solution_is_pai
     assert "a nearer solution would not help" in str(found)
 
 
+def test_where_model_and_solution_are_beyond_the_tolerance_only_together_the_nearest_is_taken():
+    alone_pct = plan(BULB, LENGTH_M, with_strains(), FidelityRequest(tolerance=Tolerance(1.0, 1.0, 20.0))).expected
+    just_above_pct = 1.01 * alone_pct.model_pct
+    tolerance = Tolerance(just_above_pct, just_above_pct, 20.0)
+    found = plan(BULB, LENGTH_M, with_strains(), FidelityRequest(tolerance=tolerance))
+    assert not found.within_tolerance and found.expected.excess < alone_pct.excess
+    assert "nothing measured is nearer" in str(found)
+
+
 def test_where_nothing_holds_of_those_about_as_near_the_cheapest_is_taken():
     twin = [dataclasses.replace(row, modes=4, cpu_ms_per_s=70.0) for row in table().rows if row.modes == 3]
     found = plan(BULB, LENGTH_M, table(extra=twin), FidelityRequest(tolerance=Tolerance(0.01, 0.01, 0.01)))

@@ -123,7 +123,7 @@ def test_while_a_grasp_closes(kind, size, fault, channels, within_s):
         ("swapped", 0.0, Fault.SWAPPED, BOTH, 0.05),
         ("valve_open", 1.0, Fault.RISES, ONE, 0.2),
         ("valve_open", 0.1, Fault.RISES, ONE, 0.4),
-        ("leaks_in", 4.0, Fault.RISES, ONE, 3.0),
+        ("leaks_in", 4.0, Fault.LEAKS_IN, ONE, 3.0),
         ("leak", 2.0, Fault.LEAK, ONE, 0.5),
         ("drift", 1e3, Fault.LEAK_OR_DRIFT, ONE, 4.0),
         ("drift", -0.4e3, Fault.LEAK_OR_DRIFT, ONE, 8.0),
@@ -139,6 +139,17 @@ def test_while_a_grasp_is_held(kind, size, fault, channels, within_s):
     rig.run(2.0)
     assert rig.highest_pa < (125e3 if kind == "valve_open" else 112.2e3)
     assert rig.pressure_pa.max() < 110e3
+
+
+@pytest.mark.parametrize("after_s", [0.15, 0.25, 0.3, 0.8])
+def test_neighbours_that_fill_alike_and_were_swapped_are_told_by_how_they_part(after_s):
+    """One valve fills for the other's reading, the other vents for the first one's: neither leaks."""
+    rig = Rig()
+    rig.aim(np.where(np.arange(CHANNEL_COUNT) % 4 < 2, 100e3, 0.0))
+    rig.run(after_s)
+    rig.inject("swapped", other=EMPTY)
+    rig.run(3.0, until=lambda: rig.found)
+    assert rig.found == {(Fault.SWAPPED, BOTH)}
 
 
 def test_two_inflated_neighbours_that_were_swapped_are_told_by_their_test_pulses():

@@ -55,12 +55,12 @@ def test_a_number_that_is_not_finite_is_a_fault(monkeypatch, capsys):
 
 def test_a_map_goes_on_from_the_cells_that_its_file_holds(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(stability_map, "QUICK_STEPS_S", (1.0,))
-    command = ["stability", "--quick", "--workers", "1", "--json", str(tmp_path / "new" / "map.json")]
+    command = ["stability", "--quick", "--workers", "1", "--json", str(tmp_path / "map.json")]
     assert main(command) == 0
     whole = capsys.readouterr().out
-    stored = json.loads((tmp_path / "new" / "map.json").read_text())
+    stored = json.loads((tmp_path / "map.json").read_text())
     lost = stored["cells"].pop(1)
-    (tmp_path / "new" / "map.json").write_text(json.dumps(stored))
+    (tmp_path / "map.json").write_text(json.dumps(stored))
     run, run_anew = stability_map.run_cell, []
     monkeypatch.setattr(stability_map, "run_cell", lambda *cell: run_anew.append(cell[:3]) or run(*cell))
     assert main(command) == 0

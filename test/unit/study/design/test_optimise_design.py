@@ -98,6 +98,23 @@ def test_a_reference_without_a_sample_has_the_metamodels_values():
     assert reference.theta_deg == pytest.approx(published_responses().objectives(np.array([[2.0, 2.0]]))[0, 0])
 
 
+@pytest.fixture
+def quickly(monkeypatch):
+    """Optimisations that are not looked at take no time: each finds the grid's front."""
+    seeds = []
+
+    def found(responses, truth, algorithm, seed):
+        seeds.append((algorithm, seed))
+        return Run(algorithm, seed, 3 + seed, truth, 0.999)
+
+    monkeypatch.setattr(optimise_design, "optimise", found)
+    monkeypatch.setattr(optimise_design, "metamodel_gains", lambda *_: NO_GAINS)
+    monkeypatch.setattr(
+        optimise_design, "sigma_values", lambda *_: {"theta_sigma_deg": 2.0, "f_sigma_n": 0.01, "sigma_verdict": {}}
+    )
+    return seeds
+
+
 def own_samples(path, row_count=21):
     table = Samples.of_the_paper("doe_training.csv")
     columns = np.column_stack([10.0 * table.design_mm, *table.responses.values()])[:row_count]
@@ -148,8 +165,7 @@ def test_what_cannot_be_optimised_is_said_in_one_line(arguments, message, tmp_pa
     assert said.startswith("mbpam optimise: ") and message in said and said.count("\n") == 1
 
 
-def test_an_optimisation_goes_on_from_what_its_file_holds(monkeypatch, tmp_path):
-    monkeypatch.setattr(optimise_design, "metamodel_gains", lambda *_: NO_GAINS)
+def test_an_optimisation_goes_on_from_what_its_file_holds(quickly, tmp_path):
     path = tmp_path / "front.json"
     command = ["optimise", "--algorithms", "mopso", "--seeds", "2", "--json", str(path)]
     assert main(command) == 0
@@ -157,12 +173,9 @@ def test_an_optimisation_goes_on_from_what_its_file_holds(monkeypatch, tmp_path)
     path.unlink()
     kept["runs"] = [row for row in kept["runs"] if row["job"] != "mopso, seed 1"]
     (tmp_path / "front_runs.json").write_text(json.dumps(kept))
-    sigma = {key: value for key, value in json.loads(whole)["chosen"].items() if "sigma" in key}
-    monkeypatch.setattr(optimise_design, "sigma_values", lambda *_: sigma)
-    run, run_anew = optimise_design.optimise, []
-    monkeypatch.setattr(optimise_design, "optimise", lambda *wanted: run_anew.append(wanted[2:]) or run(*wanted))
+    quickly.clear()
     assert main(command) == 0
-    assert run_anew == [("mopso", 1)] and path.read_text() == whole
+    assert quickly == [("mopso", 1)] and path.read_text() == whole
 
 
 @pytest.mark.parametrize(
@@ -200,9 +213,9 @@ def test_beside_a_deviation_stands_whether_it_covers(written):
     assert f"count on {coverage['theta_max']['rms_score']:.1f} times" in written["chosen"]["sigma_verdict"]["theta_max"]
 
 
+@pytest.mark.usefixtures("quickly")
 def test_a_long_command_says_so_before_and_counts_its_jobs(monkeypatch, capsys):
     monkeypatch.setattr(terminal, "PATIENCE_S", 0.01)
-    monkeypatch.setattr(optimise_design, "metamodel_gains", lambda *_: NO_GAINS)
     assert main(["optimise", "--algorithms", "mopso", "--seeds", "2"]) == 0
     said = capsys.readouterr().err.splitlines()
     assert said[0].startswith("2 optimisations, 21 samples: takes about ")

@@ -53,7 +53,7 @@ def test_the_stored_sets_are_all_there_and_from_the_default_mesh():
 
 
 def test_the_stored_set_of_two_opposite_chambers_is_what_the_default_mesh_gives(monkeypatch):
-    monkeypatch.setattr(unequal_pressures, "PRESSURES_KPA", (60.0,))
+    monkeypatch.setattr(unequal_pressures, "PRESSURES_KPA", PRESSURES_KPA[:1])
     row = unequal_rows(DEFAULT, (1.0, 0.0, 0.5, 0.0))[0]
     stored = next(row for row in STORED["rows"] if row["shares"] == [1.0, 0.0, 0.5, 0.0])
     for name in ("straight_moment_n_mm", "free_bend_deg"):

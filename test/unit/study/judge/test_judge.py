@@ -15,7 +15,7 @@ from mbpam_ros.study.judge.scenes import KINDS, TABLES, random_scene
 from mbpam_ros.study.judge.score import calibration_error, is_right, reliability, score_image, summary
 from mbpam_ros.study.judge.tables import texture
 from mbpam_ros.study.judge.tuning import fit_weights
-from mbpam_ros.vision.confidence import probability
+from mbpam_ros.vision.confidence import probabilities
 from mbpam_ros.vision.detector import Detection
 from mbpam_ros.vision.region_fit import Hypothesis
 from mbpam_ros.vision.solid_fit.outline import ROD
@@ -132,8 +132,10 @@ def hypothesis(misfit_px2):
 
 def test_fitted_weights_give_the_share_that_is_right():
     """Of small misfits four in five are right, of large ones one in five."""
-    rows = [hypothesis(0.5)] * 100 + [hypothesis(8.0)] * 100
+    small, large = hypothesis(0.5), hypothesis(8.0)
     right = [i % 5 != 0 for i in range(100)] + [i % 5 == 0 for i in range(100)]
-    weights = fit_weights(rows, right)
-    assert probability(rows[0], weights) == pytest.approx(0.8, abs=0.02)
-    assert probability(rows[-1], weights) == pytest.approx(0.2, abs=0.02)
+    weights = fit_weights([[small]] * 100 + [[large]] * 100, [[each] for each in right])
+    assert probabilities([small], weights) == pytest.approx([0.8], abs=0.02)
+    assert probabilities([large], weights) == pytest.approx([0.2], abs=0.02)
+    both = probabilities([small, large], weights)
+    assert sum(both) < 1.0 and both[0] < 0.8 and both[0] / both[1] == pytest.approx(16.0, rel=0.15)

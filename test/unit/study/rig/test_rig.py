@@ -177,7 +177,7 @@ def test_a_file_that_is_none_of_the_rigs_is_one_line(content, tmp_path):
 
 
 def test_the_verb_writes_samples_curves_and_what_was_measured_or_nothing(tmp_path, capsys):
-    file = tmp_path / "deep" / "curves.json"
+    file = tmp_path / "curves.json"
     ramp = ["characterise", "--patterns", "pdc", "--pressures", "0:60:30", "--repeats", "1", "--json", str(file)]
     assert main([*ramp, "--simulated", "3", "--settle-s", "25"]) == 1
     assert "less than --timeout-s" in capsys.readouterr().err

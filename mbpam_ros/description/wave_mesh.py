@@ -1,0 +1,149 @@
+"""One wave of the muscle as a closed surface: outside, and inside the walls of its four chambers.
+
+The paper's section (figure 2): a circle whose radius R follows the wave, a wall of even thickness c, and a cross with
+arms of thickness b along x and y, which leave four chambers. With the crest at z = 0, for |z| <= p / 2::
+
+    R(z) = R_crest - a / 2 (1 - cos(2 pi z / p))
+    a chamber: x, y >= b / 2,  x^2 + y^2 <= (R - c)^2,  and its three mirror images
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbpam_ros.configuration import require_positive
+from mbpam_ros.errors import MbpamError
+from mbpam_ros.gripper import Gripper
+
+WALL_M = 0.0023
+"""Thickness c of the chambers' wall. The paper does not state its value; this is our reading."""
+
+WAVE_COUNT = 14
+"""Waves of a muscle, our reading too."""
+
+ARC_POINTS = 12
+"""Of a quarter of the circle, both ends included: chords leave it by at most 0.3 % of the radius."""
+
+SLICES = 13
+"""Sections of a wave, both ends included."""
+
+
+class WaveError(MbpamError, ValueError):
+    """These lengths leave no chamber in the valleys."""
+
+
+@dataclass(frozen=True)
+class Wave:
+    """The lengths of one wave [m].
+
+    Args:
+        crest_radius_m: outer radius at the crest.
+        amplitude_m: a, from peak to valley.
+        cross_m: b, thickness of the arms of the cross.
+        wall_m: c, thickness of the wall.
+        length_m: p, from valley to valley.
+
+    Raises:
+        WaveError: no chamber is left in the valleys.
+        ValueError: a length is not positive and finite.
+    """
+
+    crest_radius_m: float
+    amplitude_m: float
+    cross_m: float
+    wall_m: float
+    length_m: float
+
+    def __post_init__(self) -> None:
+        require_positive(self, "crest_radius_m", "amplitude_m", "cross_m", "wall_m", "length_m")
+        if not self.valley_radius_m - self.wall_m > 0.5 * math.sqrt(2.0) * self.cross_m:
+            raise WaveError(
+                f"no chamber is left in the valleys, of outer radius {self.valley_radius_m:g} m, beside a wall of "
+                f"{self.wall_m:g} m and a cross of {self.cross_m:g} m; make one of the three smaller"
+            )
+
+    @classmethod
+    def of_gripper(cls, gripper: Gripper, length_m: float) -> Wave:
+        """Return a wave of a gripper's muscles, drawn as long as ``length_m``."""
+        design, crest_m = gripper.design, gripper.geometry.outer_radius_m
+        return cls(crest_m, 1e-3 * design.a_mm, 1e-3 * design.b_mm, WALL_M, length_m)
+
+    @property
+    def valley_radius_m(self) -> float:
+        """Outer radius in a valley [m]."""
+        return self.crest_radius_m - self.amplitude_m
+
+
+def wave_triangles(wave: Wave) -> NDArray[np.float64]:
+    """Return the closed surface of a wave: corners of triangles, shape (n, 3, 3) [m].
+
+    Seen from outside the material the corners run anticlockwise; every edge belongs to two triangles.
+    """
+    z = np.linspace(-0.5, 0.5, SLICES) * wave.length_m
+    outer = wave.crest_radius_m - 0.5 * wave.amplitude_m * (1.0 - np.cos(2.0 * np.pi * z / wave.length_m))
+    circle, chamber = _quarter_circle(outer, z), _chamber(outer - wave.wall_m, 0.5 * wave.cross_m, z)
+    sides = [_between(circle[:-1], circle[1:]), _between(chamber[1:], chamber[:-1], closed=True)]
+    quarter = np.concatenate([*sides, _end(circle[-1], chamber[-1]), _end(circle[0], chamber[0])[:, ::-1]])
+    return np.concatenate([_turned(quarter, quarters) for quarters in range(4)])
+
+
+def stl(triangles_m: NDArray[np.float64]) -> bytes:
+    """Return a binary STL file of triangles, shape (n, 3, 3) [m]."""
+    first, second, third = (triangles_m[:, corner] for corner in range(3))
+    normal = np.cross(second - first, third - first)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    rows = np.zeros(len(triangles_m), dtype=[("corners", "<f4", (4, 3)), ("attributes", "<u2")])
+    rows["corners"] = np.stack([normal, first, second, third], axis=1)
+    return b"mbpam_ros, one wave of a muscle [m]".ljust(80) + struct.pack("<I", len(rows)) + rows.tobytes()
+
+
+def _quarter_circle(radius_m: NDArray[np.float64], z_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points of the quarter circles from x to y at each height, shape (slices, ARC_POINTS, 3)."""
+    angle = np.linspace(0.0, 0.5 * np.pi, ARC_POINTS)
+    return _arc(radius_m, np.broadcast_to(angle, (len(z_m), ARC_POINTS)), z_m)
+
+
+def _chamber(radius_m: NDArray[np.float64], half_cross_m: float, z_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Outline of the chamber in the first quadrant at each height: its arc, then its corner at the cross."""
+    first = np.arcsin(half_cross_m / radius_m)
+    angle = np.linspace(first, 0.5 * np.pi - first, ARC_POINTS, axis=1)
+    corner = np.column_stack([np.full((len(z_m), 2), half_cross_m), z_m])
+    return np.concatenate([_arc(radius_m, angle, z_m), corner[:, None, :]], axis=1)
+
+
+def _arc(
+    radius_m: NDArray[np.float64], angle_rad: NDArray[np.float64], z_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    across = radius_m[:, None] * np.stack([np.cos(angle_rad), np.sin(angle_rad)])
+    return np.stack([across[0], across[1], np.broadcast_to(z_m[:, None], angle_rad.shape)], axis=-1)
+
+
+def _between(low: NDArray[np.float64], high: NDArray[np.float64], closed: bool = False) -> NDArray[np.float64]:
+    """Triangles of the strips between lines of points, each shape (strips, points, 3), outside to the right."""
+    if closed:
+        low, high = (np.concatenate([line, line[:, :1]], axis=1) for line in (low, high))
+    a, b, c, d = low[:, :-1], low[:, 1:], high[:, 1:], high[:, :-1]
+    return np.stack([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)], axis=2).reshape(-1, 3, 3)
+
+
+def _end(circle: NDArray[np.float64], chamber: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Triangles of a quarter's section, facing up: the wall, and the two half arms of the cross up to the middle."""
+    arc, corner = chamber[:-1], chamber[-1]
+    middle = np.array([0.0, 0.0, corner[2]])
+    wall = _between(arc[None], circle[None])[:, ::-1]
+    arms = [(middle, circle[0], corner), (circle[0], arc[0], corner)]
+    arms += [(middle, corner, circle[-1]), (corner, arc[-1], circle[-1])]
+    return np.concatenate([wall, np.array(arms)])
+
+
+def _turned(triangles: NDArray[np.float64], quarters: int) -> NDArray[np.float64]:
+    """Turned about z by quarters, to the bit, so that edges of neighbours are the same."""
+    x, y, z = np.moveaxis(triangles, -1, 0)
+    for _ in range(quarters):
+        x, y = -y, x
+    return np.stack([x, y, z], axis=-1)
