@@ -25,6 +25,7 @@ from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.rig import MuscleRig, hidden_muscle
 from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.study.pictures import require_matplotlib
 from mbpam_ros.study.result_file import write_json, write_text
 from mbpam_ros.study.rig.curves import as_json, averaged, csv_text
 from mbpam_ros.study.rig.procedure import BEND, QUANTITIES, UP, Plan, Rig, characterise, mounts_of
@@ -66,6 +67,8 @@ def run(options: argparse.Namespace) -> int:
         timeout_s=options.timeout_s,
     )
     gripper = drawn_gripper(options.muscle, "test" if options.muscle == PAPER else "fe")
+    if options.picture is not None:
+        require_matplotlib()
     progress = Progress()
     if options.simulated is not None:
         samples = characterise(_simulated(gripper, options.simulated), plan, progress.show)
@@ -85,14 +88,13 @@ def run(options: argparse.Namespace) -> int:
         "directions_deg": sorted({mount.azimuth_deg for mount in plan.mounts}),
         "simulated": options.simulated is not None,
     }
-    text = csv_text(samples)
+    write_text(options.json.with_suffix(".csv"), csv_text(samples))
+    write_json(options.json, as_json(points, about))
     if options.picture is not None:
         from mbpam_ros.study.rig.picture import draw_curves
 
         models = {f"model ({gripper.target})": (gripper.rod_law(), 0.0)}
         draw_curves(points, models, gripper.rod_geometry, options.picture)
-    write_text(options.json.with_suffix(".csv"), text)
-    write_json(options.json, as_json(points, about))
     return 0
 
 

@@ -68,14 +68,8 @@ def drawn_gripper(name: str, target: Literal["fe", "test"]) -> Gripper:
         ConfigError: no such muscle, or it does not fit.
     """
     drawing = load_drawing(name)
-    if name == PAPER:
-        return dataclasses.replace(load_gripper(), target=target)
     return dataclasses.replace(
-        load_gripper(),
-        muscle=name,
-        design=drawing.design,
-        geometry=drawing.geometry,
-        target=target,
+        load_gripper(), muscle=name, design=drawing.design, geometry=drawing.geometry, target=target
     )
 
 
