@@ -17,10 +17,10 @@ from __future__ import annotations
 import argparse
 import re
 import time
-from pathlib import Path
 
 from mbpam_ros.actuator.drawing import PAPER, load_drawing
 from mbpam_ros.commands.muscle.calibrate import drawn_gripper
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.rig import MuscleRig, hidden_muscle
@@ -43,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--all-directions", action="store_true", help="all eight directions instead of one a pattern")
     parser.add_argument("--muscle", default=PAPER, metavar="NAME", help=f"drawing in config/muscles (default {PAPER})")
     parser.add_argument("--sample", default="1", metavar="TEXT", help="which muscle of the kind this one is")
-    parser.add_argument("--json", type=Path, required=True, metavar="FILE", help="where the curves go")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="where the picture goes (png, pdf or svg)")
+    parser.add_argument("--json", type=result_file, required=True, metavar="FILE", help="where the curves go")
+    parser.add_argument("--picture", type=result_file, metavar="FILE", help="where the picture goes (png, pdf or svg)")
     parser.add_argument("--settle-s", type=float, default=1.0, metavar="S", help="window of settling (default 1)")
     parser.add_argument("--timeout-s", type=float, default=20.0, metavar="S", help="for settling (default 20)")
     parser.add_argument("--camera", default="rig_camera.yaml", metavar="FILE", help="where the camera stands")
