@@ -11,8 +11,8 @@ is twice the pulse in a sound channel, whatever leaks steadily, and none where n
 finger has its turn at a time: those of a turn that fail together have no supply, and one that fails while a neighbour
 answers has been swapped with it. A failure is looked at once more at once, and named if it comes again. Pulses go up
 first, so that a grip is never weaker for them, and by less than what a loop leaves alone. A small opening lets through
-less, or more, of what a wide one does (0.4 with the valves of the model iso6358): from each answer a channel's pulses
-are brought nearer to their height.
+less, or more, of what a wide one does (0.4 with the valves of the model iso6358): from each answer a channel's next
+pulses at the same set-point are brought nearer to their height.
 """
 
 from __future__ import annotations
@@ -113,6 +113,7 @@ class Prober:
         due = ready & (time_s - self._tested_at_s >= (0.0 if at_once else self._config.period_s))
         due &= self._observer.reading_noise_pa < self._config.noise_ratio * self._observer.sound_noise_pa
         if due.any():
+            self._answer[self._observer.aimed_at_s > self._tested_at_s] = 1.0
             self._channels = _one_of_each_finger(due)
             self._start(time_s)
 
