@@ -133,4 +133,6 @@ def load_gripper(name: str | Path = "gripper.yaml") -> Gripper:
         except ConfigError as error:
             raise ConfigError(f"{name}: design: {error}") from error
         content["design"] = asdict(design)
+    if content.get("target") == "measured":
+        raise ConfigError(f"{name}: target measured: say which muscle was measured, muscle: NAME instead of design")
     return parse_config(Gripper, content, where=str(name))

@@ -17,15 +17,16 @@ from __future__ import annotations
 import argparse
 import re
 import time
-from pathlib import Path
 
 from mbpam_ros.actuator.drawing import PAPER, load_drawing
 from mbpam_ros.commands.muscle.calibrate import drawn_gripper
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.plant.rig import MuscleRig, hidden_muscle
 from mbpam_ros.plant.scene import load_scene
-from mbpam_ros.study.result_file import require_writable, write_json, write_text
+from mbpam_ros.study.pictures import require_matplotlib
+from mbpam_ros.study.result_file import write_json, write_text
 from mbpam_ros.study.rig.curves import as_json, averaged, csv_text
 from mbpam_ros.study.rig.procedure import BEND, QUANTITIES, UP, Plan, Rig, characterise, mounts_of
 from mbpam_ros.study.rig.simulated import SimulatedRig
@@ -43,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--all-directions", action="store_true", help="all eight directions instead of one a pattern")
     parser.add_argument("--muscle", default=PAPER, metavar="NAME", help=f"drawing in config/muscles (default {PAPER})")
     parser.add_argument("--sample", default="1", metavar="TEXT", help="which muscle of the kind this one is")
-    parser.add_argument("--json", type=Path, required=True, metavar="FILE", help="where the curves go")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="where the picture goes (png, pdf or svg)")
+    parser.add_argument("--json", type=result_file, required=True, metavar="FILE", help="where the curves go")
+    parser.add_argument("--picture", type=result_file, metavar="FILE", help="where the picture goes (png, pdf or svg)")
     parser.add_argument("--settle-s", type=float, default=1.0, metavar="S", help="window of settling (default 1)")
     parser.add_argument("--timeout-s", type=float, default=20.0, metavar="S", help="for settling (default 20)")
     parser.add_argument("--camera", default="rig_camera.yaml", metavar="FILE", help="where the camera stands")
@@ -66,8 +67,8 @@ def run(options: argparse.Namespace) -> int:
         timeout_s=options.timeout_s,
     )
     gripper = drawn_gripper(options.muscle, "test" if options.muscle == PAPER else "fe")
-    for path in filter(None, (options.json, options.picture)):
-        require_writable(path)
+    if options.picture is not None:
+        require_matplotlib()
     progress = Progress()
     if options.simulated is not None:
         samples = characterise(_simulated(gripper, options.simulated), plan, progress.show)
@@ -87,14 +88,13 @@ def run(options: argparse.Namespace) -> int:
         "directions_deg": sorted({mount.azimuth_deg for mount in plan.mounts}),
         "simulated": options.simulated is not None,
     }
-    text = csv_text(samples)
+    write_text(options.json.with_suffix(".csv"), csv_text(samples))
+    write_json(options.json, as_json(points, about))
     if options.picture is not None:
         from mbpam_ros.study.rig.picture import draw_curves
 
         models = {f"model ({gripper.target})": (gripper.rod_law(), 0.0)}
         draw_curves(points, models, gripper.rod_geometry, options.picture)
-    write_text(options.json.with_suffix(".csv"), text)
-    write_json(options.json, as_json(points, about))
     return 0
 
 

@@ -12,22 +12,21 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from pathlib import Path
 
+from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.scene import load_scene
 from mbpam_ros.study.jobs import ResultFile, run_jobs
 from mbpam_ros.study.provenance import simulated_with
-from mbpam_ros.study.result_file import require_writable
 from mbpam_ros.study.rig import judge
 from mbpam_ros.terminal import Progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the result goes")
+    parser.add_argument("--json", type=result_file, metavar="FILE", help="where the result goes")
     parser.add_argument("--muscles", type=int, default=20, metavar="N", help="hidden muscles (default 20)")
     parser.add_argument("--seed", type=int, default=0, help="of the first one (default 0)")
     parser.add_argument("--repeats", type=int, default=2, metavar="N", help="ramps of each mount (default 2)")
@@ -45,8 +44,6 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError("scene rig has no rig")
     if gripper.target == "measured":
         gripper = dataclasses.replace(gripper, target="test")
-    if options.json is not None:
-        require_writable(options.json)
     jobs = {}
     for seed in range(options.seed, options.seed + options.muscles):
         hidden = dataclasses.replace(config, muscle_seed=seed)

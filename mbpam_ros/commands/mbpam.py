@@ -33,6 +33,7 @@ VERBS = (
     Verb("fe", "the finite element muscle: beside the paper's, and the laws made from it", "fe"),
     Verb("silicone", "constants of a silicone from its tensile test", "silicone"),
     Verb("muscle", "your own muscle: from its drawing and the rig's curves to a calibrated gripper", "muscle"),
+    Verb("palm", "the housing with four seats for the muscles, to print", "palm"),
     Verb("characterise", "bend and force of one muscle over pressure, on the rig", "characterise"),
     Verb("judge-rig", "whether rig and calibration find hidden muscles", "judge_rig", resumes=True),
     Verb("metamodels", "metamodels of the muscle beside each other and the paper's", "metamodels", resumes=True),
@@ -57,6 +58,7 @@ EXTRAS = {
     "psutil": "bench",
     "mujoco": "bench",
     "felupe": "fem",
+    "manifold3d": "cad",
     "mcap": "record",
     "viser": "view",
 }
@@ -107,7 +109,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 break
             verbs, description = module.VERBS, module.__doc__
         options = _options(cast(VerbModule, module), program, given)
-        keeps = verb.resumes and options.json is not None
+        keeps = verb.resumes and getattr(options, "json", True) is not None  # some have a folder of their own
         return cast(VerbModule, module).run(options)
     except KeyboardInterrupt:
         kept = "; what is finished is kept, the same command goes on from it" if keeps else ""

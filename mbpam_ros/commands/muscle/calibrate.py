@@ -22,7 +22,7 @@ from mbpam_ros.actuator.drawing import PAPER, load_drawing, muscle_folder
 from mbpam_ros.actuator.measured_muscle import FILE, MeasuredMuscle
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.study.provenance import file_digest
-from mbpam_ros.study.result_file import write_json
+from mbpam_ros.study.result_file import require_makeable, write_json
 from mbpam_ros.study.rig.calibrate import as_json, factor, measured_muscle
 from mbpam_ros.study.rig.curves import read_curves
 from mbpam_ros.study.rig.fit import FittedMuscle, fit_muscle
@@ -54,6 +54,8 @@ def run(options: argparse.Namespace) -> int:
     print(measured_text(fitted, measured))
     if not options.dry_run:
         path = muscle_folder(options.name) / FILE
+        require_makeable(path.parent)
+        path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, as_json(measured))
         print(f"kept in {path}; target: measured in gripper.yaml uses it")
     return 0
@@ -66,14 +68,8 @@ def drawn_gripper(name: str, target: Literal["fe", "test"]) -> Gripper:
         ConfigError: no such muscle, or it does not fit.
     """
     drawing = load_drawing(name)
-    if name == PAPER:
-        return dataclasses.replace(load_gripper(), target=target)
     return dataclasses.replace(
-        load_gripper(),
-        muscle=name,
-        design=drawing.design,
-        geometry=drawing.geometry,
-        target=target,
+        load_gripper(), muscle=name, design=drawing.design, geometry=drawing.geometry, target=target
     )
 
 

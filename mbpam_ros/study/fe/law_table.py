@@ -68,7 +68,14 @@ def law_at_pressure(run: Run, pressure_kpa: float, bends_deg: Sequence[float]) -
     }
 
 
-def law_table(run: Run, path: Path, executor: Executor, progress: Progress) -> dict:
+def law_table(
+    run: Run,
+    path: Path,
+    executor: Executor,
+    progress: Progress,
+    pressures_kpa: Sequence[float] = PRESSURES_KPA,
+    bends_deg: Sequence[float] = BENDS_DEG,
+) -> dict:
     """Return M, V, stretch and stiffness over pressure and bend for PDC and PSC, with the straight line through each.
 
     ``path`` is kept up to date; pressures that it holds whole from the same settings are not run again.
@@ -81,8 +88,8 @@ def law_table(run: Run, path: Path, executor: Executor, progress: Progress) -> d
     results.rows = {name: row for name, row in results.rows.items() if STIFFNESSES.keys() <= row.keys()}
     jobs = {}
     for pattern in PATTERNS:
-        for pressure in PRESSURES_KPA:
-            job = replace(run, pattern=pattern), float(pressure), BENDS_DEG
+        for pressure in pressures_kpa:
+            job = replace(run, pattern=pattern), float(pressure), tuple(bends_deg)
             jobs[_name({"pattern": pattern, "p_kpa": pressure})] = job
     failures = run_jobs(
         jobs, law_at_pressure, results, executor, progress, _name, failing=NO_EQUILIBRIUM, s_per_job=S_PER_JOB

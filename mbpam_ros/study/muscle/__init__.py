@@ -1,0 +1,1 @@
+"""A muscle from its drawing: finite elements, metamodels, front and law as one run; moulds to cast it in."""
