@@ -50,6 +50,7 @@ def half(tmp_path, monkeypatch):
     monkeypatch.setattr(build, "law_table", similar_law)
     for module in (compare_metamodels, optimise_design):  # one is enough to go through
         monkeypatch.setattr(module, "METAMODELS", {"prs": METAMODELS["prs"]})
+    monkeypatch.setattr(optimise_design, "GRID", 61)
     RAN.clear()
     return own
 
