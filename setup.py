@@ -100,6 +100,7 @@ setup(
         "fem": ["felupe>=11", "pypardiso", "matplotlib"],  # offline finite elements; without pypardiso SciPy solves
         "cad": ["manifold3d", "matplotlib"],  # solids of muscle, moulds and palm, with pictures of them
         "cluster": ["distributed"],  # their many runs on many machines
+        "view": ["viser"],  # a page of its own for the browser; 150 MB with what it brings
         "record": ["mcap"],  # recordings; the messages in them are as ROS serialised them, so nothing else is needed
         "bench": ["psutil", "mujoco>=3", "pyelastica"],  # CPU of the nodes; the simulators to compare with
         "test": TEST,

@@ -41,6 +41,7 @@ VERBS = (
     Verb("optimise", "the designs that bend furthest and press hardest, and a compromise", "optimise", resumes=True),
     Verb("detect", "the objects in an image file: shape, size and place", "detect"),
     Verb("judge-detector", "how well objects are detected, on images drawn by MuJoCo and our own", "judge_detector"),
+    Verb("view", "watch a gripper in a browser", "view"),
     Verb("record", "record all topics of a gripper as MCAP", "record"),
     Verb("replay", "let nodes live through a recording again", "replay"),
     Verb("report", "the picture report of a grasp, from a recording", "report"),
@@ -59,6 +60,7 @@ EXTRAS = {
     "felupe": "fem",
     "manifold3d": "cad",
     "mcap": "record",
+    "viser": "view",
 }
 """Which extra of the package installs what a verb may miss."""
 

@@ -79,14 +79,19 @@ class Wave:
         return self.crest_radius_m - self.amplitude_m
 
 
-def wave_triangles(wave: Wave) -> NDArray[np.float64]:
+def wave_triangles(wave: Wave, arc_points: int = ARC_POINTS, slices: int = SLICES) -> NDArray[np.float64]:
     """Return the closed surface of a wave: corners of triangles, shape (n, 3, 3) [m].
 
     Seen from outside the material the corners run anticlockwise; every edge belongs to two triangles.
+
+    Args:
+        wave: its lengths.
+        arc_points: of a quarter of the circle, both ends included; at least 2.
+        slices: sections of the wave, both ends included; at least 2.
     """
-    z = np.linspace(-0.5, 0.5, SLICES) * wave.length_m
+    z = np.linspace(-0.5, 0.5, slices) * wave.length_m
     outer = wave.crest_radius_m - 0.5 * wave.amplitude_m * (1.0 - np.cos(2.0 * np.pi * z / wave.length_m))
-    circle, chamber = _quarter_circle(outer, z), _chamber(outer - wave.wall_m, 0.5 * wave.cross_m, z)
+    circle, chamber = _quarter_circle(outer, z, arc_points), _chamber(outer - wave.wall_m, wave.cross_m, z, arc_points)
     sides = [_between(circle[:-1], circle[1:]), _between(chamber[1:], chamber[:-1], closed=True)]
     quarter = np.concatenate([*sides, _end(circle[-1], chamber[-1]), _end(circle[0], chamber[0])[:, ::-1]])
     return np.concatenate([_turned(quarter, quarters) for quarters in range(4)])
@@ -102,17 +107,19 @@ def stl(triangles_m: NDArray[np.float64]) -> bytes:
     return b"mbpam_ros, one wave of a muscle [m]".ljust(80) + struct.pack("<I", len(rows)) + rows.tobytes()
 
 
-def _quarter_circle(radius_m: NDArray[np.float64], z_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points of the quarter circles from x to y at each height, shape (slices, ARC_POINTS, 3)."""
-    angle = np.linspace(0.0, 0.5 * np.pi, ARC_POINTS)
-    return _arc(radius_m, np.broadcast_to(angle, (len(z_m), ARC_POINTS)), z_m)
+def _quarter_circle(radius_m: NDArray[np.float64], z_m: NDArray[np.float64], points: int) -> NDArray[np.float64]:
+    """Points of the quarter circles from x to y at each height, shape (slices, points, 3)."""
+    angle = np.linspace(0.0, 0.5 * np.pi, points)
+    return _arc(radius_m, np.broadcast_to(angle, (len(z_m), points)), z_m)
 
 
-def _chamber(radius_m: NDArray[np.float64], half_cross_m: float, z_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _chamber(
+    radius_m: NDArray[np.float64], cross_m: float, z_m: NDArray[np.float64], points: int
+) -> NDArray[np.float64]:
     """Outline of the chamber in the first quadrant at each height: its arc, then its corner at the cross."""
-    first = np.arcsin(half_cross_m / radius_m)
-    angle = np.linspace(first, 0.5 * np.pi - first, ARC_POINTS, axis=1)
-    corner = np.column_stack([np.full((len(z_m), 2), half_cross_m), z_m])
+    first = np.arcsin(0.5 * cross_m / radius_m)
+    angle = np.linspace(first, 0.5 * np.pi - first, points, axis=1)
+    corner = np.column_stack([np.full((len(z_m), 2), 0.5 * cross_m), z_m])
     return np.concatenate([_arc(radius_m, angle, z_m), corner[:, None, :]], axis=1)
 
 

@@ -52,6 +52,7 @@ class HoldingConfig:
         camera_farther: of one that shows farther away than it was.
         camera_nothing: of no object seen.
         camera_size_ratio: an object at least so much of its former size in the image is where it was.
+        camera_confidence_min: of a detection that counts; crossed fingers look a little like an object.
     """
 
     claim_from: float = 0.95
@@ -61,6 +62,7 @@ class HoldingConfig:
     camera_farther: float = -4.0
     camera_nothing: float = 0.0
     camera_size_ratio: float = 0.8
+    camera_confidence_min: float = 0.5
 
     def __post_init__(self) -> None:
         if not 0.5 < self.keep_until <= self.claim_from < 1.0:

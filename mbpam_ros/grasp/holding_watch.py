@@ -35,6 +35,7 @@ class HoldingWatch:
 
     def __init__(self, config: HoldingConfig, air: AirBend | None = None, empty: EmptyHand | None = None) -> None:
         self._judge, self._air, self._empty = HoldingJudge(config), air, empty
+        self._confidence_min = config.camera_confidence_min
         self._pose: tuple[str, int, bool] = ("", 0, False)
         self._grip_pa = np.zeros(0)
         self._target: DetectedObject | None = None
@@ -99,7 +100,8 @@ class HoldingWatch:
         if self._target is None:
             return None
         target = self._target
-        there = [_size_rad(item) for item in objects if _angle_rad(item, target) < _SAME_DIRECTION_RAD]
+        sure = (item for item in objects if item.confidence >= self._confidence_min)
+        there = [_size_rad(item) for item in sure if _angle_rad(item, target) < _SAME_DIRECTION_RAD]
         return max(there) / _size_rad(target) if there else None
 
 

@@ -64,6 +64,10 @@ LOCK_STEP_PATIENCE_S = 10.0
 """In lock step, valves that have answered before are waited for at most this long by the wall clock: on a slow computer
 they still answer, but a sample may be lost between processes."""
 
+CATCH_UP_TICKS = 5
+"""Ticks that a busy computer held up are made up for, so many at once. What a model costs in steps that take more than
+half of their time is not: then time goes slower, tick by tick."""
+
 SUPPLY_TIMEOUT_S = 0.2
 """Without a command for so long the supply's valve shuts by itself, as the valves do sooner."""
 
@@ -97,8 +101,9 @@ class PlantNode(GripperNode):
         self._before_reset_s = 0.0
         self._ticks = 0
         self._stamp = self.now_stamp()
-        self._rate_since = (time.monotonic(), 0)
+        self._rate_since = (time.monotonic(), 0.0)
         self._real_time_factor = 1.0
+        self._tick_cost_s = 0.0
 
         self._frames = Frames(self.text("frame_prefix"))
         self._transforms = TransformBroadcaster(self)
@@ -116,7 +121,7 @@ class PlantNode(GripperNode):
         self.serve(Trigger, "plant/lower", lambda _: self._plant.lower())
         self._lock_step = bool(self.value("lock_step"))
         self._ticks_at_timer = -1
-        self._ticked_at_s = time.monotonic()
+        self._ticked_at_s = self._began_at_s = time.monotonic()
         self._answering: tuple[int, int] | None = None
         period_s = self.number("lock_step_timeout_s") if self._lock_step else self._dt_s
         self.create_timer(period_s, self._on_timer, clock=RosClock(clock_type=ClockType.STEADY_TIME))
@@ -124,10 +129,10 @@ class PlantNode(GripperNode):
     def health(self) -> Health:
         """WARN while slower than real time."""
         now_s = time.monotonic()
-        since_s, ticks = self._rate_since
+        since_s, from_s = self._rate_since
         if now_s - since_s > 0.5:
-            self._real_time_factor = (self._ticks - ticks) * self._dt_s / (now_s - since_s)
-            self._rate_since = (now_s, self._ticks)
+            self._real_time_factor = (self._time_s() - from_s) / (now_s - since_s)
+            self._rate_since = (now_s, self._time_s())
         values = {
             "scene": self._scene.name,
             "tier": self._fidelity.tier,
@@ -182,9 +187,20 @@ class PlantNode(GripperNode):
 
     def _on_timer(self) -> None:
         """Tick; in lock step only if nothing has ticked since the last time-out and nobody is going to answer."""
-        if not self._lock_step or (self._ticks == self._ticks_at_timer and not self._answer_comes()):
+        if not self._lock_step:
+            due = self._ticks_due()
+            if due > 0:
+                self._tick(due)
+        elif self._ticks == self._ticks_at_timer and not self._answer_comes():
             self._tick()
         self._ticks_at_timer = self._ticks
+
+    def _ticks_due(self) -> int:
+        """Return by how many ticks the plant is behind real time, as far as they are made up for."""
+        behind = round((time.monotonic() - self._began_at_s - self._time_s()) / self._dt_s)
+        most = CATCH_UP_TICKS if self._tick_cost_s < 0.5 * self._dt_s else 1
+        self._began_at_s += max(behind - most, 0) * self._dt_s
+        return min(behind, most)
 
     def _answer_comes(self) -> bool:
         """Return whether those who answered before still will: a slow computer must not change what comes out."""
@@ -231,7 +247,8 @@ class PlantNode(GripperNode):
         except MessageError as error:
             self.refuse("rig/mount", error)
 
-    def _tick(self) -> None:
+    def _tick(self, count: int = 1) -> None:
+        """Let so many ticks pass, and publish the last."""
         if self.failure is not None:
             return
         silence_s = self._time_s() - self._commanded_at_s
@@ -239,25 +256,28 @@ class PlantNode(GripperNode):
             self._spool = np.zeros(CHANNEL_COUNT)
         if silence_s > max(SUPPLY_TIMEOUT_S, self._command_timeout_s):
             self._supply_open = False
+        began_s = time.monotonic()
         try:
-            self._plant.step(self._spool, self._dt_s, self._supply_open)
+            for _ in range(count):
+                self._plant.step(self._spool, self._dt_s, self._supply_open)
         except PlantDivergedError as error:
             self.fail(error)
             return
         self._ticks, self._ticked_at_s = self._ticks + 1, time.monotonic()
+        self._tick_cost_s = (self._ticked_at_s - began_s) / count
         try:
-            self._publish_tick()
+            self._publish_tick(count * self._dt_s)
         except RodSolutionError as error:
             self.fail(f"the muscle in the rig has no equilibrium: {error}")
 
-    def _publish_tick(self) -> None:
+    def _publish_tick(self, dt_s: float) -> None:
         if self._clock_topic is None:
             self._stamp = self.now_stamp()
         else:
             self._stamp = time_stamp(self._time_s())
             self._clock_topic.publish(Clock(clock=self._stamp))
         if self._rig is not None:
-            self._rig.step(self._plant.pressure_gauge_pa[:CHAMBERS_PER_FINGER], self._dt_s)
+            self._rig.step(self._plant.pressure_gauge_pa[:CHAMBERS_PER_FINGER], dt_s)
             if self._ticks % SCALE_EVERY == 0:
                 self._rig.weigh(self._stamp)
         if self._camera is not None:

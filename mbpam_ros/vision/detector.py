@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -514,8 +514,15 @@ class _View:
         return self._hidden
 
 
+class _Look(NamedTuple):
+    """Masks of where objects may be, and what explains their regions."""
+
+    fit: RegionFit
+    masks: Masks
+
+
 class _Search:
-    """The objects of one image.
+    """The objects of one image: what lies where the hand can reach it first, by all masks, then what lies aside.
 
     Args:
         config: thresholds.
@@ -524,7 +531,7 @@ class _Search:
         coarse: (h, w, c) uint8, every second pixel.
         masks: where objects may be.
         began_s: thread time at which the frame was begun.
-        second_look: gives other masks, for what the first leave unexplained; None for none.
+        second_masks: gives others, for what the first leave unexplained; None for none.
     """
 
     def __init__(
@@ -535,10 +542,10 @@ class _Search:
         coarse: NDArray[np.uint8],
         masks: Masks,
         began_s: float,
-        second_look: Callable[[], Masks] | None = None,
+        second_masks: Callable[[], Masks] | None = None,
     ) -> None:
-        self._config, self._fit, self._coarse, self._masks = config, fit, coarse, masks
-        self._second_look = second_look
+        self._config, self._coarse = config, coarse
+        self._first, self._second_masks = _Look(fit, masks), second_masks
         self._weights = config.confidence[source]
         self._min_area = config.segmentation.min_area_px / COARSE**2
         self._ends_s = began_s + config.budget_s
@@ -548,17 +555,16 @@ class _Search:
     def run(self) -> list[Hypothesis]:
         """The likeliest hypotheses that do not overlap each other, the surest first."""
         found: list[Hypothesis] = []
-        self._look_at(self._regions(), found)
-        if self._second_look is not None and self._leave_some(found):
-            differing = self._masks.with_shadow
-            self._masks = self._second_look()
-            self._fit = self._fit.with_foreground(self._masks.sure)
-            others = (
-                region
-                for region in self._regions()
-                if (differing[region.window] & region.mask).sum() > 0.5 * region.area
-            )
-            self._look_at(others, found)
+        first, second = self._first, None
+        for aside in (False, True):
+            self._look_at(first, self._regions(first, aside), found)
+            if self._second_masks is not None and self._leaves_some(first, aside, found):
+                if second is None:
+                    masks = self._second_masks()
+                    second = _Look(first.fit.with_foreground(masks.sure), masks)
+                differing = first.masks.with_shadow
+                others = [region for region in self._regions(second, aside) if _share_within(region, differing) > 0.5]
+                self._look_at(second, others, found)
         found.sort(key=lambda item: -item.confidence)
         chosen: list[Hypothesis] = []
         for candidate in found:
@@ -566,7 +572,7 @@ class _Search:
                 chosen.append(candidate)
         return [item for item in chosen if item.confidence >= self._config.min_confidence]
 
-    def _look_at(self, regions: Iterable[Region], found: list[Hypothesis]) -> None:
+    def _look_at(self, look: _Look, regions: Iterable[Region], found: list[Hypothesis]) -> None:
         """Add to ``found`` what explains regions that are not yet explained, while there is time."""
         for region in regions:
             if any(_explains(item, region) for item in found):
@@ -574,61 +580,49 @@ class _Search:
             if time.thread_time() > self._ends_s:
                 self.passed_over += 1
                 continue
-            found += self._explain(region)
+            found += self._explain(look, region)
 
-    def _leave_some(self, found: list[Hypothesis]) -> bool:
-        """Whether a region that surely shows an object has no good explanation."""
-        regions = connected_regions(self._masks.sure, self._min_area)
+    def _leaves_some(self, look: _Look, aside: bool, found: list[Hypothesis]) -> bool:
+        """Whether a region there that surely shows an object has no good explanation, and there is time to seek it."""
+        if time.thread_time() > self._ends_s:
+            return False
+        regions = self._connected(look, look.masks.sure, aside)
         return not all(any(_explains(item, region) for item in found) for region in regions)
 
-    def _regions(self) -> list[Region]:
+    def _regions(self, look: _Look, aside: bool) -> list[Region]:
         """What may be objects: what a finger may have cut apart, then the largest first, then regions with shadows."""
-        sure = connected_regions(self._masks.sure, self._min_area)
+        sure = self._connected(look, look.masks.sure, aside)
         others = []
-        if self._masks.with_shadow is not self._masks.sure:
-            for region in connected_regions(self._masks.with_shadow, self._min_area):
+        if look.masks.with_shadow is not look.masks.sure:
+            for region in self._connected(look, look.masks.with_shadow, aside):
                 if all(region.shared(known) < _ALIKE * region.area for known in sure):
                     others.append(region)
-        return [*self._severed(sure), *sure, *others]
+        return [*_severed(sure, look.fit.hidden), *sure, *others]
 
-    def _severed(self, regions: list[Region]) -> Iterator[Region]:
-        """Unions of regions that fingers may have cut apart."""
-        if len(regions) < 2 or not self._fit.hidden.any():
-            return
-        count, fingers = cv2.connectedComponents(self._fit.hidden)
-        kernel = np.ones((5, 5), np.uint8)
-        severed: list[set[int]] = []
-        for finger in range(1, count):
-            near = cv2.dilate((fingers == finger).astype(np.uint8), kernel).astype(bool)
-            touching = {i for i, region in enumerate(regions) if (region.mask & near[region.window]).any()}
-            if len(touching) > 1:
-                severed.append(touching)
-        if len(severed) > 1:
-            severed.append(set().union(*severed))
-        for group in severed:
-            if len(group) <= _MOST_PIECES:
-                yield union([regions[i] for i in group])
+    def _connected(self, look: _Look, mask: NDArray[np.bool_], aside: bool) -> list[Region]:
+        """The connected parts of a mask that lie aside of the hand, or those that do not, the largest first."""
+        return [region for region in connected_regions(mask, self._min_area) if look.fit.is_aside(region) == aside]
 
-    def _explain(self, region: Region) -> list[Hypothesis]:
+    def _explain(self, look: _Look, region: Region) -> list[Hypothesis]:
         """The likeliest primitive for the region as a whole or, if none is likely, also those for its parts."""
-        whole = self._best(region) if region.solidity > _LEAST_SOLIDITY else None
+        whole = self._best(look, region) if region.solidity > _LEAST_SOLIDITY else None
         if whole is not None and whole.confidence > _GOOD_CONFIDENCE:
             return [whole]
         found = [] if whole is None else [whole]
-        for part in self._parts(region):
+        for part in self._parts(look, region):
             if time.thread_time() > self._ends_s:
                 break
-            best = self._best(part)
+            best = self._best(look, part)
             if best is not None:
                 found.append(best)
         return found
 
-    def _parts(self, region: Region) -> list[Region]:
-        if self._fit.surface is not None:
-            parts = split_by_depth(self._fit.surface.points_m, region, self._min_area)
+    def _parts(self, look: _Look, region: Region) -> list[Region]:
+        if look.fit.surface is not None:
+            parts = split_by_depth(look.fit.surface.points_m, region, self._min_area)
             if parts:
                 return parts
-        relative = self._masks.relative
+        relative = look.masks.relative
         if relative is None:
             return split_by_hue(self._coarse, region, self._min_area) or split_by_edges(
                 self._coarse, region, self._min_area
@@ -636,9 +630,9 @@ class _Search:
         parts = split_by_hue(relative, region, self._min_area) or split_by_edges(relative, region, self._min_area)
         return [*without_shadows(relative, region, parts, self._min_area), *parts]
 
-    def _best(self, region: Region) -> Hypothesis | None:
+    def _best(self, look: _Look, region: Region) -> Hypothesis | None:
         """The likeliest primitive for a region."""
-        readings = self._fit.explanations(region)
+        readings = look.fit.explanations(region)
         rated = tuple(
             replace(item, confidence=p)
             for item, p in zip(readings, probabilities(readings, self._weights), strict=True)
@@ -647,3 +641,26 @@ class _Search:
         least_m = self._config.min_object_size_m
         usable = [item for item in rated if float(sizes(item.form, item.parameters).min()) >= least_m]
         return max(usable, key=lambda item: item.confidence, default=None)
+
+
+def _severed(regions: list[Region], hidden: NDArray[np.uint8]) -> Iterator[Region]:
+    """Unions of regions that fingers may have cut apart."""
+    if len(regions) < 2 or not hidden.any():
+        return
+    count, fingers = cv2.connectedComponents(hidden)
+    kernel = np.ones((5, 5), np.uint8)
+    severed: list[set[int]] = []
+    for finger in range(1, count):
+        near = cv2.dilate((fingers == finger).astype(np.uint8), kernel).astype(bool)
+        touching = {i for i, region in enumerate(regions) if (region.mask & near[region.window]).any()}
+        if len(touching) > 1:
+            severed.append(touching)
+    if len(severed) > 1:
+        severed.append(set().union(*severed))
+    for group in severed:
+        if len(group) <= _MOST_PIECES:
+            yield union([regions[i] for i in group])
+
+
+def _share_within(region: Region, mask: NDArray[np.bool_]) -> float:
+    return float(np.count_nonzero(mask[region.window] & region.mask)) / region.area

@@ -49,6 +49,7 @@ _ACROSS = np.linspace(-0.8, 0.8, 7)
 _ENOUGH = 2  # of these places show that the object is there, or that it is not
 _UNSEEN_SIGMA_M = 0.015
 _LIKELY_HEIGHTS = (0.5, 1.6)  # over the height at which a box is as high as it is wide
+_NEAR_M = 0.05  # beside the palm's axis
 _NARROW_M = 0.012
 """A length that is known to half of this is known."""
 
@@ -154,6 +155,16 @@ class RegionFit:
         other = copy.copy(self)
         other._foreground = foreground
         return other
+
+    def is_aside(self, region: Region) -> bool:
+        """Whether a region lies so far beside the palm's axis that what it shows cannot be grasped as it lies."""
+        optical = (np.array([0.0, 0.0, self._support]) - self._eye) @ self._rotation
+        if optical[2] < 1e-3:
+            return True
+        u, v = (optical[:2] / optical[2] * self._lens[:2] + self._lens[2:]) / COARSE
+        near_px = _NEAR_M * self._lens[0] / optical[2] / COARSE
+        rows, columns = np.nonzero(region.mask)
+        return bool(np.hypot(columns + region.left - u, rows + region.top - v).min() > near_px)
 
     def explanations(self, region: Region) -> list[Hypothesis]:
         """Return the best primitive of each family for a region, in no order."""

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -109,6 +110,7 @@ def at(x_m, z_m, size_m=0.06):
         ([at(0.06, 0.085)], None),
         ([], None),
         ([at(0.005, 0.185), at(0.005, 0.08)], 1.06),
+        ([replace(BULB, confidence=0.4)], None),
     ],
 )
 def test_what_shows_in_the_objects_direction_is_compared_with_its_size_there(seen, ratio):
