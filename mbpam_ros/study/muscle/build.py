@@ -38,7 +38,7 @@ from mbpam_ros.study.fe.mesh import CellGeometryError, Resolution
 from mbpam_ros.study.fe.mesh_error import mesh_error_pct
 from mbpam_ros.study.fe.versions import library_versions
 from mbpam_ros.study.jobs import ResultFile, run_jobs
-from mbpam_ros.study.muscle.samples import FeSample, designs_of, ranges_of, run_of, sample_row
+from mbpam_ros.study.muscle.samples import FeSample, designs_of, ranges_of, run_of, sample_row, silicone_of
 from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import Progress
 
@@ -127,11 +127,12 @@ def run_samples(
     """
     jobs: dict[str, tuple[str, Run, float]] = {}
     failures: dict[str, str] = {}
+    silicone = silicone_of(drawing)
     for design in sampled_designs(drawing, plan):
         for pattern in plan.patterns:
             name = f"{design.name} {pattern}"
             try:
-                jobs[name] = name, run_of(drawing, design, pattern, plan.resolution), plan.mesh_wall_mm
+                jobs[name] = name, run_of(drawing, design, pattern, plan.resolution, silicone), plan.mesh_wall_mm
             except CellGeometryError as error:
                 failures[name] = str(error)
     settings = {
@@ -259,7 +260,7 @@ def build_law(
         BuildError: pressures or bends are missing.
     """
     drawn = FeSample(DRAWN, drawing.a_mm, drawing.b_mm, drawing.c_mm - plan.mesh_wall_mm, drawing.wave_count)
-    run = run_of(drawing, drawn, "pdc", plan.resolution)
+    run = run_of(drawing, drawn, "pdc", plan.resolution, silicone_of(drawing))
     law = law_table(
         run, folder / LAW_FILE, executor, progress, pressures_kpa=plan.law_kpa, bends_deg=plan.law_bends_deg
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbpam_ros.actuator.drawing import MuscleDrawing
 from mbpam_ros.study.muscle.moulds import WASTE, Moulds
@@ -17,7 +18,7 @@ from mbpam_ros.study.result_file import write_text
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-_MOST_TRIANGLES = 6000
+_GRAIN_MM = 0.6
 
 STEPS = (
     "Print A and B twice if two halves are to cure at once, C and D once; layers of 0.1 mm, no more than 0.1 mm off. "
@@ -62,21 +63,33 @@ def write_guide(path: Path, name: str, drawing: MuscleDrawing, moulds: Moulds) -
 
 
 def _draw(parts: dict[str, Manifold], path: Path) -> None:
-    figure = new_figure(11.0, 3.2)
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
+    figure = new_figure(11.0, 4.0)
     for place, (name, solid) in enumerate(parts.items(), 1):
-        mesh = solid.simplify(0.2).to_mesh()
-        corners = np.asarray(mesh.vert_properties, dtype=float)[:, :3][np.asarray(mesh.tri_verts, dtype=np.int64)]
-        corners = corners[:: max(1, len(corners) // _MOST_TRIANGLES)]
-        axis = figure.add_subplot(1, len(parts), place, projection="3d")
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-        grey = 0.55 + 0.4 * np.abs(normal @ np.array([0.4, 0.7, 0.6]))
-        colours = np.clip(np.column_stack([grey, grey, grey]), 0.0, 1.0)
-        axis.add_collection3d(Poly3DCollection(corners, facecolors=colours))
-        low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
-        axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]), title=name)
-        axis.set_box_aspect(high - low)
+        axis = figure.add_subplot(1, len(parts), place)
+        axis.imshow(_seen(solid, -1.0 if name == "A" else 1.0), cmap="gray", vmin=0.0, vmax=1.0, origin="lower")
+        axis.set_title(name)
         axis.set_axis_off()
     save_figure(figure, path)
+
+
+def _seen(solid: Manifold, side: float) -> NDArray[np.float64]:
+    """A shaded picture of a solid, seen aslant from the side of +y or -y: its triangles, the nearest on top."""
+    mesh = solid.refine_to_length(_GRAIN_MM).to_mesh()
+    corners = np.asarray(mesh.vert_properties, dtype=float)[:, :3][np.asarray(mesh.tri_verts, dtype=np.int64)]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    middle = corners.mean(axis=1)
+    toward = np.array([0.45, 0.8 * side, 0.4])
+    toward /= np.linalg.norm(toward)
+    right = np.cross((0.0, 0.0, 1.0), toward)
+    right /= np.linalg.norm(right)
+    up = np.cross(toward, right)
+    facing = normal @ toward > 0.0
+    middle, shade = middle[facing], 0.25 + 0.7 * np.abs(normal[facing] @ (0.5 * toward + 0.6 * up - 0.6 * right))
+    pixels = (np.stack([middle @ up, middle @ right], axis=1) / _GRAIN_MM).round().astype(int)
+    pixels -= pixels.min(axis=0)
+    picture = np.ones(pixels.max(axis=0) + 2)
+    for index in np.array_split(np.argsort(middle @ toward), 200):  # from the farthest on
+        for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            picture[pixels[index, 0] + down, pixels[index, 1] + across] = shade[index]
+    return picture

@@ -77,14 +77,21 @@ def designs_of(drawing: MuscleDrawing, unit_points: Array, names: Sequence[str],
     return designs
 
 
-def run_of(drawing: MuscleDrawing, design: FeSample, pattern: str, resolution: Resolution) -> Run:
-    """Return the finite element run of a design of a drawing.
+def silicone_of(drawing: MuscleDrawing) -> Silicone:
+    """Return what a muscle is cast of.
 
     Raises:
         ConfigError: the drawing's silicone is not known.
+    """
+    return Silicone(**yeoh_constants_of(drawing.silicone).constants())
+
+
+def run_of(drawing: MuscleDrawing, design: FeSample, pattern: str, resolution: Resolution, silicone: Silicone) -> Run:
+    """Return the finite element run of a design of a drawing.
+
+    Raises:
         CellGeometryError: the design is no muscle.
     """
-    silicone = Silicone(**yeoh_constants_of(drawing.silicone).constants())
     geometry = CellGeometry(
         a_mm=design.a_mm,
         b_mm=design.b_mm,
