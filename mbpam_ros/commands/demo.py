@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -246,6 +247,22 @@ def _scenes(names: Sequence[str]) -> dict[str, Scene]:
     return scenes
 
 
+@contextmanager
+def _page(wanted: bool) -> Iterator[None]:
+    """Serve ``mbpam view`` beside the grasps, in a process of its own so that it holds up none of them."""
+    if not wanted:
+        yield
+        return
+    import viser  # noqa: F401  says which extra is missing before anything is started
+
+    page = subprocess.Popen([sys.executable, "-m", "mbpam_ros.commands", "view"], start_new_session=True)
+    try:
+        yield
+    finally:
+        page.terminate()
+        page.wait()
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument(
@@ -256,6 +273,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--report", type=result_folder, default=Path("report"), metavar="DIR", help="pictures and logs go here"
     )
+    parser.add_argument("--view", action="store_true", help="watch it in a browser meanwhile, as with mbpam view")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -272,12 +290,13 @@ def run(options: argparse.Namespace) -> int:
         return 2
     with domain_id() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
-        for name, scene in scenes.items():
-            try:
-                grasped.append((scene, grasp(name, scene, options.tier, options.report, progress)))
-            except NodeSystemError as error:
-                failures.append(f"{scene.name}: {error}")
-                progress.say(f"failed: {failures[-1]}")
+        with _page(options.view):
+            for name, scene in scenes.items():
+                try:
+                    grasped.append((scene, grasp(name, scene, options.tier, options.report, progress)))
+                except NodeSystemError as error:
+                    failures.append(f"{scene.name}: {error}")
+                    progress.say(f"failed: {failures[-1]}")
     _print_table(grasped)
     if options.json is not None:
         write_json(options.json, [vars(result) for _, result in grasped])

@@ -189,6 +189,7 @@ class Observer:
         self._odd_at_s = np.full(n, -math.inf)
         self._supply_since_s, self._supply_open = -math.inf, True
         self._targets: Vector | None = None
+        self.aimed_at_s = np.full(n, -math.inf)
         self._settled_at_s = np.full(n, -math.inf)
         self.gain = np.ones(n)
         self._filled, self._filling = np.zeros(n), np.zeros(n)
@@ -280,6 +281,7 @@ class Observer:
         new = target_gauge_pa != self._targets
         if new.any():
             self._targets = target_gauge_pa.copy()
+            self.aimed_at_s[new] = time_s
             self._settled_at_s[new] = time_s + self._config.settle_time_s
             self._filled[new] = self._filling[new] = 0.0
             self._forget_slow(new)

@@ -10,6 +10,7 @@ from mbpam_ros.actuator.chambers import CHANNEL_COUNT
 from mbpam_ros.grasp.arbitration import Phase
 from mbpam_ros.grasp.modes import MODE_NAMES
 from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.plant.tiers.base import PlantDivergedError
 from mbpam_ros.pneumatics.machine_faults import MachineFault
 from mbpam_ros.pneumatics.registry import pneumatic_model_names
 from mbpam_ros.simulation import TICK_S, Simulation
@@ -35,34 +36,50 @@ def sound_jobs(hours: float, tiers: tuple[str, ...]) -> dict[str, tuple[str, str
 
 
 def sound_row(name: str, tier: str, number: int, span_s: float = SPAN_S) -> dict:
-    """Grasp, lift, hold, lower and release at random for a while; return what was found though nothing was wrong."""
+    """Grasp, lift, hold, lower and release at random for a while; return what was found though nothing was wrong.
+
+    A plant that cannot go on (an object that fell is pressed through its stand by the lowered hand) is started anew.
+    """
     random = np.random.default_rng([SEED, number])
     scene_name, model = str(random.choice(SCENES)), str(random.choice(pneumatic_model_names()))
-    scene, request = load_scene(scene_name)
-    simulation = Simulation(scene, replace(request.in_tier(tier), pneumatics=model), seed=number)
-    for channel in range(CHANNEL_COUNT):
-        simulation.inject(MachineFault("leak", channel, LEAK_TIME_CONSTANT_S))
+    simulation = _sound_machine(scene_name, model, tier, number)
     found: list[str] = []
+    ended: list[str] = []
+    before_s = 0.0
     grasps = faults = 0
-    while simulation.seen.time_s < span_s:
-        _idle(simulation, random, found)
-        asked = None if random.random() < 0.5 else str(random.choice(MODE_NAMES))
-        grasps += simulation.grasp(asked).accepted
-        _use(simulation, random, found)
-        faults += simulation.decision.phase is Phase.FAULT
-        simulation.release()
-        _run(simulation, 1.0, found)
-        simulation.reset()
+    while before_s + simulation.seen.time_s < span_s:
+        try:
+            _idle(simulation, random, found)
+            asked = None if random.random() < 0.5 else str(random.choice(MODE_NAMES))
+            grasps += simulation.grasp(asked).accepted
+            _use(simulation, random, found)
+            faults += simulation.decision.phase is Phase.FAULT
+            simulation.release()
+            _run(simulation, 1.0, found)
+            simulation.reset()
+        except PlantDivergedError as error:
+            ended.append(str(error))
+            before_s += simulation.seen.time_s
+            simulation = _sound_machine(scene_name, model, tier, number)
     return {
         "job": name,
         "tier": tier,
         "scene": scene_name,
         "pneumatics": model,
-        "seconds": simulation.seen.time_s,
+        "seconds": before_s + simulation.seen.time_s,
         "grasps": grasps,
         "faults": faults,
         "found": found,
+        "ended": ended,
     }
+
+
+def _sound_machine(scene_name: str, model: str, tier: str, number: int) -> Simulation:
+    scene, request = load_scene(scene_name)
+    simulation = Simulation(scene, replace(request.in_tier(tier), pneumatics=model), seed=number)
+    for channel in range(CHANNEL_COUNT):
+        simulation.inject(MachineFault("leak", channel, LEAK_TIME_CONSTANT_S))
+    return simulation
 
 
 def _idle(simulation: Simulation, random: np.random.Generator, found: list[str]) -> None:
@@ -97,8 +114,9 @@ def sound_text(rows: list[dict]) -> str:
         [f"{row['job']}: {each}" for row in rows for each in row["found"]],
     )
     faults = sum(row["faults"] for row in rows)
+    ended = [f"{row['job']}: the plant {each}" for row in rows for each in row["ended"]]
     head = f"{hours:.2f} h of a sound machine, {grasps} grasps: {len(found)} false findings, {faults} faults"
-    return "\n".join([head, *found])
+    return "\n".join([head, *found, *ended])
 
 
 def span_text(row: dict) -> str:

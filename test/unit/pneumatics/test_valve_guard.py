@@ -161,6 +161,22 @@ def test_two_inflated_neighbours_that_were_swapped_are_told_by_their_test_pulses
     assert rig.found == {(Fault.SWAPPED, BOTH)}
 
 
+def test_test_pulses_come_to_their_height_with_valves_that_let_little_through_small_openings():
+    rig = Rig(dataclasses.replace(CONFIG, model="iso6358"))
+    rig.aim(GRIP)
+    rig.run(1.5)
+
+    def highest_pulse_pa():
+        rested_pa, highest_pa = rig.pressure_pa[CHANNEL], []
+        rig.run(2.1, until=lambda: highest_pa.append(rig.pressure_pa[CHANNEL]))
+        return max(highest_pa) - rested_pa
+
+    first_pa = highest_pulse_pa()
+    rig.run(10.0)
+    assert first_pa < 550.0 < 650.0 < highest_pulse_pa() < 950.0
+    assert not rig.found
+
+
 def test_a_leak_is_made_up_for_beyond_what_the_integral_may_learn():
     rig = holding()
     rig.inject("leak", 1.0)
