@@ -23,6 +23,8 @@ from mbpam_ros.vision.camera import Camera, load_camera_config
 from mbpam_ros.vision.detector import load_detector_config
 from mbpam_ros.vision.image_file import read_camera_info
 
+pytestmark = pytest.mark.slow
+
 LOADERS = {
     "camera.yaml": lambda path: Camera.from_config(load_camera_config(path)),
     "detector.yaml": load_detector_config,

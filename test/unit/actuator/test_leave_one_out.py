@@ -18,6 +18,8 @@ from mbpam_ros.actuator.metamodel import (
     read_samples,
 )
 
+pytestmark = pytest.mark.slow
+
 DESIGN, THETA, FORCE = read_samples(TRAINING_TABLE)
 RESPONSES = pytest.mark.parametrize("response", [THETA, FORCE], ids=["theta", "force"])
 EVERYONE = np.arange(len(DESIGN))

@@ -122,6 +122,7 @@ def test_a_missing_extra_is_named(monkeypatch, capsys):
     assert "pip install 'mbpam_ros[bench]'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_ctrl_c_ends_a_verb_with_130_one_line_and_no_process_left(workers, tmp_path, start_as_from_a_terminal):
     file = tmp_path / "grasps.json"

@@ -4,6 +4,8 @@ import pytest
 
 from mbpam_ros.grasp.transitions import REQUESTS, together, transitions
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def rows():

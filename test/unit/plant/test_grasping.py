@@ -12,6 +12,8 @@ from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
 
+pytestmark = pytest.mark.slow
+
 GRIPPER = load_gripper()
 MODES = load_yaml("modes.yaml")["bend_azimuth_deg"]
 TICK_S = 0.01

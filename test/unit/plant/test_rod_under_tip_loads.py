@@ -18,6 +18,8 @@ from mbpam_ros.plant.mechanics.rod import (
     room_for_loads,
 )
 
+pytestmark = pytest.mark.slow
+
 GEOMETRY = load_gripper().geometry
 LENGTH = GEOMETRY.active_length_m
 SECTION = RodSection(0.035, 0.01, 1.5e-3, 0.1, 0.004, 0.001, 1.0 / 25.0, 1.0 / 0.8e-3)

@@ -15,6 +15,8 @@ from mbpam_ros.plant.fidelity import Fidelity
 from mbpam_ros.plant.tiers.base import Actuation, PlantConfig, PlantDivergedError, RigidBody, TierSetup
 from mbpam_ros.plant.tiers.registry import build_tier
 
+pytestmark = pytest.mark.slow
+
 GRIPPER = load_gripper()
 CONFIG = load_config(PlantConfig, "plant.yaml")
 INWARD = -GRIPPER.finger_base_m[:, :2] / np.linalg.norm(GRIPPER.finger_base_m[:, :2], axis=1, keepdims=True)

@@ -226,6 +226,7 @@ def sound_machine(model, slowness, supply_share):
     return dataclasses.replace(CONFIG, model=model, chamber=chamber)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "slowness", "supply_share"),
     [*((name, 1.0, 1.0) for name in pneumatic_model_names()), ("lag", 0.6, 1.0), ("lag", 1.7, 1.0), ("lag", 1.0, 0.85)],

@@ -15,6 +15,8 @@ from mbpam_ros.vision.camera import Camera, CameraPose, load_camera_config
 from mbpam_ros.vision.render import Lamp, Renderer, SceneView
 from mbpam_ros.vision.side_view import MuscleSize, SilhouetteError, bend_in_picture
 
+pytestmark = pytest.mark.slow
+
 GEOMETRY = load_gripper().rod_geometry
 CONFIG = load_camera_config("rig_camera.yaml")
 SIZE = MuscleSize(GEOMETRY.outer_radius_m, GEOMETRY.end_length_m, GEOMETRY.length_m, GEOMETRY.outer_radius_m)

@@ -27,6 +27,8 @@ from mbpam_ros.plant.mechanics.parts import System, assemble, new_state
 from mbpam_ros.plant.mechanics.rod import build_rod
 from mbpam_ros.plant.mechanics.step import advance, bind
 
+pytestmark = pytest.mark.slow
+
 GEOMETRY = load_gripper().geometry
 ROD = build_rod(GEOMETRY, 1, 7, BALLS)
 BASE = np.array([0.035, 0.035, 0.0])
