@@ -29,7 +29,8 @@ ROSDEP_KEYS = {
 
 ALWAYS_THERE = {"setuptools"}
 EXTRAS = set(
-    "_typeshed distributed elastica felupe llvmlite manifold3d mcap mujoco psutil pymoo pypardiso typing_extensions viser".split()
+    "_typeshed distributed elastica felupe llvmlite manifold3d mcap mujoco psutil pymoo pypardiso typing_extensions "
+    "viser".split()
 )
 """Imported where they are asked for alone, by verbs that name the extra; or for types."""
 
