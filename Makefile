@@ -8,6 +8,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 JAZZY := .venv-jazzy
+# Python compiles what it imports; to compile all that is installed takes as long as to install it.
+PIP_OPTIONS := --quiet --disable-pip-version-check --no-compile
 # Fast DDS stays on this machine; nothing joins a multicast group.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
@@ -55,24 +57,24 @@ $(VENV)/run.stamp: requirements.txt setup.py
 	@$(call refuse-other-pythons)
 	@echo "setting up $(VENV) with pinned wheels (once, about a minute)"
 	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
+	@$(BIN)/python -m pip install $(PIP_OPTIONS) -r requirements.txt
+	@$(BIN)/python -m pip install $(PIP_OPTIONS) --no-deps -e .
 	@touch $@
 
 $(VENV)/test.stamp: $(VENV)/run.stamp requirements-test.txt
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-test.txt
+	@$(BIN)/python -m pip install $(PIP_OPTIONS) -r requirements-test.txt
 	@touch $@
 
 $(JAZZY)/test.stamp: requirements-jazzy.txt setup.py
 	@$(call refuse-other-pythons)
 	@echo "setting up $(JAZZY) with pinned wheels (once, about a minute)"
 	@test -d $(JAZZY) || $(PYTHON) -m venv $(JAZZY)
-	@$(JAZZY)/bin/python -m pip install --quiet --disable-pip-version-check -r requirements-jazzy.txt
-	@$(JAZZY)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
+	@$(JAZZY)/bin/python -m pip install $(PIP_OPTIONS) -r requirements-jazzy.txt
+	@$(JAZZY)/bin/python -m pip install $(PIP_OPTIONS) --no-deps -e .
 	@touch $@
 
 $(VENV)/docs.stamp: $(VENV)/run.stamp requirements-docs.txt
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.txt
+	@$(BIN)/python -m pip install $(PIP_OPTIONS) -r requirements-docs.txt
 	@touch $@
 
 clean:

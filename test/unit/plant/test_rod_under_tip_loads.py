@@ -18,7 +18,7 @@ from mbpam_ros.plant.mechanics.rod import (
     room_for_loads,
 )
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("rod_under_tip_loads")]  # compiled once
 
 GEOMETRY = load_gripper().geometry
 LENGTH = GEOMETRY.active_length_m

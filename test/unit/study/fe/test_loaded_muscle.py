@@ -71,7 +71,7 @@ def test_another_pattern_or_gravity_begins_at_rest_and_a_lower_pressure_at_one_b
         assert [found.loads.gravity_m_s2 for found in way] == [NOTHING] + [state.gravity_m_s2] * (len(way) - 1)
 
 
-@pytest.mark.parametrize("pattern", ["pdc", "psc", "half"])
+@pytest.mark.parametrize("pattern", ["pdc", "half"])
 def test_halves_do_what_all_of_the_muscle_does(pattern, monkeypatch):
     by_half, all_of_it = LoadedMuscle(SHORT), LoadedMuscle(SHORT)
     monkeypatch.setattr(all_of_it, "_half", lambda pattern: None)
