@@ -24,8 +24,6 @@ COMMAND = [sys.executable, "-u", "-m", "mbpam_ros.commands", "fe"]
     [
         ["curve", "9,2,2,14", "--json", "x"],
         ["curve", "2.5,nan,2.1,14", "--json", "x"],
-        ["curve", "2.5,2,2.1,14", "--json", "/nowhere/x"],
-        ["curve", "2.5,2,2.1,14", "--json", "."],
         ["paper", "--points", "table_9:1", "--json", "x"],
         ["paper", "--workers", "0", "--json", "x"],
         ["paper", "--end-length", "-1", "--json", "x"],
@@ -51,6 +49,8 @@ def test_what_cannot_be_run_is_said_in_one_line(arguments, capsys, tmp_path, mon
         (["curve", "2.5,2.0,thick,14", "--json", "x"], "thick"),
         (["curve", "2.5,2,2.1,14", "--pattern", "all", "--json", "x"], "'all'"),
         (["curve", "2.5,2,2.1,14", "--wall", "2", "--json", "x"], "--wall"),
+        (["curve", "2.5,2,2.1,14", "--json", "/nowhere/x"], "no folder /nowhere"),
+        (["curve", "2.5,2,2.1,14", "--json", "."], "is a folder"),
         (["law", "x", "--json", "y"], "x"),
         (["law", "--fast", "--mesh", "coarse", "--json", "y"], "--mesh"),
     ],
