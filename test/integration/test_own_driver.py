@@ -70,9 +70,9 @@ def address(terminal: socketserver.BaseServer) -> str:
 
 
 @pytest.fixture
-def operator(domain, log_directory, start_terminal):
+def operator(domain, log_directory, launch, start_terminal):
     environment = {"ROS_DOMAIN_ID": str(domain)}
-    with NodeProcesses(log_directory, executables=OTHERS, environment=environment) as processes:
+    with NodeProcesses(log_directory, executables=OTHERS, environment=environment, launch=launch) as processes:
         command = [sys.executable, DRIVER, "--ros-args", "-p", f"address:={address(start_terminal())}"]
         driver = subprocess.Popen(command, env=os.environ | environment)
         operator = Operator("test_operator", idle=processes.check, domain_id=domain)

@@ -15,12 +15,12 @@ BLOCK = re.compile(r"```sh\n(\.venv/bin/mbpam_bringup &\n.*?)```", re.DOTALL)
 
 
 @pytest.mark.usefixtures("compiled_plant")
-def test_the_nodes_by_hand_grasp_lift_and_let_go_of_the_bulb(domain, log_directory):
+def test_the_nodes_by_hand_grasp_lift_and_let_go_of_the_bulb(domain, log_directory, launch):
     started, *commands = BLOCK.search((ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8"))[1].splitlines()
     executable = re.fullmatch(r"\.venv/bin/mbpam_(\w+) &", started)[1]
     environment = {"ROS_DOMAIN_ID": str(domain)}
     said = []
-    with NodeProcesses(log_directory, executables=[executable], environment=environment) as processes:
+    with NodeProcesses(log_directory, None, (), [executable], environment, launch) as processes:
         operator = Operator("test_operator", idle=processes.check, domain_id=domain)
         operator.wait_for_nodes()
         for command in commands:
