@@ -13,6 +13,7 @@ import pytest
 
 import mbpam_ros
 
+pytestmark = pytest.mark.xdist_group("architecture")  # each file is parsed once
 PACKAGE = Path(mbpam_ros.__file__).parent
 MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
 

@@ -72,6 +72,7 @@ def test_what_measures_time_says_why_it_is_not_spread(verb, argument, capsys):
     assert told.startswith(f"mbpam {verb}: {argument[0]}: this verb measures time") and told.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_what_a_verb_refuses_is_said_in_one_line_with_status_1():
     ended = run("plan", "piano")
     assert (ended.returncode, ended.stdout) == (1, "")

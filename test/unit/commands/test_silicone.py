@@ -30,6 +30,7 @@ def test_the_papers_constants_come_back_and_are_kept_for_the_finite_elements(tmp
     assert "mooney-rivlin" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_picture_shows_repeats_and_models(tmp_path):
     pytest.importorskip("matplotlib")
     tests = [pull(tmp_path / f"{factor}.csv", factor=factor) for factor in (0.95, 1.05)]
