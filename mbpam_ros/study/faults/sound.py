@@ -99,10 +99,12 @@ def _use(simulation: Simulation, random: np.random.Generator, found: list[str]) 
 
 
 def _run(simulation: Simulation, duration_s: float, found: list[str]) -> None:
+    """Let time pass, and note each finding when it comes up."""
     for _ in range(round(duration_s / TICK_S)):
+        standing = {(finding.fault, finding.channels) for finding in simulation.findings}
         simulation.tick()
         for finding in simulation.findings:
-            if not found or found[-1].split(": ", 1)[1] != finding.text:
+            if (finding.fault, finding.channels) not in standing:
                 found.append(f"{simulation.seen.time_s:.2f} s: {finding.text}")
 
 
