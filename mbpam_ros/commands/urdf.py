@@ -16,9 +16,10 @@ from pathlib import Path
 from mbpam_ros.commands.result_arguments import result_file, result_folder
 from mbpam_ros.description.frames import Frames
 from mbpam_ros.description.urdf import gripper_urdf, wave_length_m
-from mbpam_ros.description.wave_mesh import Wave, stl, wave_triangles
+from mbpam_ros.description.wave_mesh import Wave, wave_triangles
+from mbpam_ros.geometry.stl import binary_stl
 from mbpam_ros.gripper import Gripper, load_gripper
-from mbpam_ros.study.result_file import write_text
+from mbpam_ros.study.result_file import write_bytes, write_text
 from mbpam_ros.vision.camera import camera_pose, load_camera_config
 
 MESH = "wave.stl"
@@ -48,5 +49,5 @@ def run(options: argparse.Namespace) -> int:
 def _write_mesh(folder: Path, gripper: Gripper) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / MESH
-    path.write_bytes(stl(wave_triangles(Wave.of_gripper(gripper, wave_length_m(gripper)))))
+    write_bytes(path, binary_stl(wave_triangles(Wave.of_gripper(gripper, wave_length_m(gripper)))))
     return path

@@ -10,7 +10,6 @@ arms of thickness b along x and y, which leave four chambers. With the crest at 
 from __future__ import annotations
 
 import math
-import struct
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,16 +94,6 @@ def wave_triangles(wave: Wave, arc_points: int = ARC_POINTS, slices: int = SLICE
     sides = [_between(circle[:-1], circle[1:]), _between(chamber[1:], chamber[:-1], closed=True)]
     quarter = np.concatenate([*sides, _end(circle[-1], chamber[-1]), _end(circle[0], chamber[0])[:, ::-1]])
     return np.concatenate([_turned(quarter, quarters) for quarters in range(4)])
-
-
-def stl(triangles_m: NDArray[np.float64]) -> bytes:
-    """Return a binary STL file of triangles, shape (n, 3, 3) [m]."""
-    first, second, third = (triangles_m[:, corner] for corner in range(3))
-    normal = np.cross(second - first, third - first)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    rows = np.zeros(len(triangles_m), dtype=[("corners", "<f4", (4, 3)), ("attributes", "<u2")])
-    rows["corners"] = np.stack([normal, first, second, third], axis=1)
-    return b"mbpam_ros, one wave of a muscle [m]".ljust(80) + struct.pack("<I", len(rows)) + rows.tobytes()
 
 
 def _quarter_circle(radius_m: NDArray[np.float64], z_m: NDArray[np.float64], points: int) -> NDArray[np.float64]:

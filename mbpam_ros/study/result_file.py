@@ -28,9 +28,18 @@ def write_text(path: Path, text: str) -> None:
     Raises:
         ResultFileError: its folder is missing or cannot be written.
     """
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file whole, or leave the one before it.
+
+    Raises:
+        ResultFileError: its folder is missing or cannot be written.
+    """
     beside = path.with_name(path.name + ".part")
     try:
-        beside.write_text(text, encoding="utf-8")
+        beside.write_bytes(content)
         beside.replace(path)
     except OSError as error:
         raise ResultFileError(f"cannot write {path}: {error.strerror or error}") from error

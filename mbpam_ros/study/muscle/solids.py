@@ -9,7 +9,7 @@ Millimetres. The muscle's axis is z, its base at z = 0; chambers lie at 45, 135,
 
 from __future__ import annotations
 
-import struct
+import io
 import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from mbpam_ros.actuator.drawing import MuscleDrawing
 from mbpam_ros.errors import MbpamError
-from mbpam_ros.study.result_file import ResultFileError
+from mbpam_ros.geometry.stl import binary_stl
+from mbpam_ros.study.result_file import write_bytes
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -102,12 +103,7 @@ def write_stl(solid: Manifold, path: Path) -> None:
     Raises:
         ResultFileError: its folder is missing or cannot be written.
     """
-    corners = _corners(solid)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    record = np.zeros(len(corners), dtype=[("floats", "<f4", (4, 3)), ("attribute", "<u2")])
-    record["floats"] = np.concatenate([normals[:, None], corners], axis=1)
-    _write(path, b"mbpam_ros".ljust(80) + struct.pack("<I", len(corners)) + record.tobytes())
+    write_bytes(path, binary_stl(_corners(solid)))
 
 
 def write_3mf(solid: Manifold, path: Path) -> None:
@@ -140,14 +136,11 @@ def write_3mf(solid: Manifold, path: Path) -> None:
         '<Relationship Id="rel0" Target="/3D/3dmodel.model" '
         'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
     )
-    beside = path.with_name(path.name + ".part")
-    try:
-        with zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name, text in (("[Content_Types].xml", types), ("_rels/.rels", relations), ("3D/3dmodel.model", model)):
-                archive.writestr(name, text)
-        beside.replace(path)
-    except OSError as error:
-        raise ResultFileError(f"cannot write {path}: {error.strerror or error}") from error
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as parts:
+        for name, text in (("[Content_Types].xml", types), ("_rels/.rels", relations), ("3D/3dmodel.model", model)):
+            parts.writestr(name, text)
+    write_bytes(path, archive.getvalue())
 
 
 def _corners(solid: Manifold) -> Array:
@@ -155,15 +148,6 @@ def _corners(solid: Manifold) -> Array:
     mesh = solid.to_mesh()
     points = np.asarray(mesh.vert_properties, dtype=float)[:, :3]
     return points[np.asarray(mesh.tri_verts, dtype=np.int64)]
-
-
-def _write(path: Path, content: bytes) -> None:
-    beside = path.with_name(path.name + ".part")
-    try:
-        beside.write_bytes(content)
-        beside.replace(path)
-    except OSError as error:
-        raise ResultFileError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def _profile(drawing: MuscleDrawing) -> tuple[Array, Array]:

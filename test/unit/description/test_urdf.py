@@ -13,7 +13,8 @@ from mbpam_ros.actuator.kinematics import tip_pose
 from mbpam_ros.commands.mbpam import main
 from mbpam_ros.description.frames import Frames, orientation_of, turned_up, up
 from mbpam_ros.description.urdf import JOINT_COUNT, gripper_urdf
-from mbpam_ros.description.wave_mesh import Wave, WaveError, stl, wave_triangles
+from mbpam_ros.description.wave_mesh import Wave, WaveError, wave_triangles
+from mbpam_ros.geometry.stl import binary_stl
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.vision.camera import camera_pose, load_camera_config
 
@@ -91,7 +92,7 @@ def test_a_wave_is_a_closed_surface_around_its_silicone():
     first = np.arcsin(half / inner)
     chamber = inner**2 * (0.25 * np.pi - first) - half * (inner * np.cos(first) - half)
     assert volume_m3 == pytest.approx(np.trapezoid(np.pi * outer**2 - 4.0 * chamber, z), rel=0.01)
-    assert len(stl(triangles)) == 84 + 50 * len(triangles)
+    assert len(binary_stl(triangles)) == 84 + 50 * len(triangles)
     with pytest.raises(WaveError, match="no chamber is left in the valleys"):
         Wave(0.010, 0.0025, 0.002, 0.0062, 0.007)
 
