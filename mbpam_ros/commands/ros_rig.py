@@ -15,13 +15,12 @@ import cv2
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_srvs.srv import SetBool
 
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.gripper import Gripper
-from mbpam_ros.nodes.messages import MessageError, joint_state, named_values, seconds, time_stamp
+from mbpam_ros.nodes.messages import MessageError, image_pixels, joint_state, named_values, seconds, time_stamp
 from mbpam_ros.nodes.plant_rig import MOUNT
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
 from mbpam_ros.study.rig.procedure import FORCE, Mount, Reading, RigError
@@ -33,8 +32,6 @@ SILENCE_S = 2.0
 
 FIRST_S = 20.0
 """What has not been heard at all after so long is not there."""
-
-ENCODINGS = {"rgb8": 3, "bgr8": 3, "mono8": 1}
 
 
 class RosRig:
@@ -175,21 +172,10 @@ class RosRig:
         try:
             data = CameraData(info.width, info.height, info.distortion_model, info.d, info.k)
             intrinsics, lens = data.pinhole(rectified=False)
-            pixels = _pixels(image)
+            pixels = image_pixels(image)
             if np.any(lens):
                 pixels = np.asarray(cv2.undistort(pixels, intrinsics.matrix, lens), dtype=np.uint8)
             size = MuscleSize(geometry.outer_radius_m, end_m, geometry.length_m, round_m)
             return bend_in_picture(pixels, Camera(intrinsics, self._pose), size).bend_rad
-        except (CameraError, SilhouetteError) as error:
+        except (CameraError, MessageError, SilhouetteError) as error:
             raise RigError(f"camera/image_raw: {error}") from error
-
-
-def _pixels(image: Image) -> NDArray[np.uint8]:
-    channels = ENCODINGS.get(image.encoding)
-    if channels is None:
-        raise RigError(f"camera/image_raw: encoding {image.encoding!r} is none of {', '.join(ENCODINGS)}")
-    row = image.width * channels
-    if image.step < row or len(image.data) < image.step * image.height:
-        raise RigError(f"camera/image_raw: {len(image.data)} bytes are too few for {image.width} x {image.height}")
-    rows = np.frombuffer(image.data, np.uint8)[: image.step * image.height].reshape(image.height, image.step)
-    return np.ascontiguousarray(rows[:, :row].reshape(image.height, image.width, channels).squeeze())

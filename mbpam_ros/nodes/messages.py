@@ -19,6 +19,9 @@ from mbpam_ros.answer import Answer
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.pneumatics.findings import Finding, FindingError
 
+CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1}
+"""Encodings of images that are read, and how many bytes each pixel has."""
+
 
 class MessageError(MbpamError, ValueError):
     """A message does not carry what its topic promises; the text says what is wrong with it."""
@@ -87,6 +90,26 @@ def rgb_image(pixels: NDArray[np.uint8]) -> Image:
     image = Image(encoding="rgb8", height=height, width=width, step=3 * width)
     image.data = array.array("B", np.ascontiguousarray(pixels).tobytes())
     return image
+
+
+def image_pixels(message: Image) -> NDArray[np.uint8]:
+    """Return the image as (H, W, 3) or, for mono8, (H, W).
+
+    Raises:
+        MessageError: another encoding than those of :data:`CHANNELS`, or fewer bytes than size and step say.
+    """
+    channels = CHANNELS.get(message.encoding)
+    if channels is None:
+        raise MessageError(f"encoding {message.encoding!r} is none of {', '.join(CHANNELS)}")
+    row_bytes = message.width * channels
+    if row_bytes == 0 or message.step < row_bytes or len(message.data) != message.step * message.height:
+        raise MessageError(
+            f"{message.width} x {message.height} {message.encoding} with step {message.step} does not fit "
+            f"{len(message.data)} bytes"
+        )
+    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(message.height, message.step)[:, :row_bytes]
+    shape = (message.height, message.width) if channels == 1 else (message.height, message.width, channels)
+    return np.ascontiguousarray(rows).reshape(shape)
 
 
 def named_values(

@@ -27,7 +27,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from mbpam_ros.description.frames import Frames
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.markers import colour, delete_all, mark_hidden_lengths, solid_marker
-from mbpam_ros.nodes.messages import seconds
+from mbpam_ros.nodes.messages import MessageError, image_pixels, seconds
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.transforms import FRAME_PREFIX
 from mbpam_ros.vision.background import BackgroundError
@@ -58,14 +58,13 @@ PARAMETERS = (
     FRAME_PREFIX,
 )
 
-CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1}
 DEPTH_TYPES = {"32FC1": np.float32, "16UC1": np.uint16}
 SHAPE_RGB = (0.2, 0.8, 0.3)
 TILT_WARNING_DEG = 2.0
 POLL_PERIOD_S = 0.005
 """How often the node looks whether the frame in work is done."""
 
-_UNUSABLE = (ImageError, CameraError, BackgroundError, DepthError)
+_UNUSABLE = (MessageError, ImageError, CameraError, BackgroundError, DepthError)
 
 
 class ObjectDetectorNode(GripperNode):
@@ -196,7 +195,7 @@ class ObjectDetectorNode(GripperNode):
         try:
             if self._intrinsics is None or self._distortion is None:
                 raise ImageError("no valid camera_info yet")
-            image = _pixels(message)
+            image = image_pixels(message)
             self._frozen.check(seconds(message.header.stamp), message.data)
             if self._learning is not None:
                 self._learn(image, message.encoding, self._intrinsics, self._distortion)
@@ -309,26 +308,6 @@ def _depth_values(message: Image) -> NDArray:
     rows = np.frombuffer(message.data, dtype=np.uint8).reshape(message.height, message.step)
     values = np.ascontiguousarray(rows[:, : size * message.width]).view(kind)
     return values.byteswap() if message.is_bigendian else values
-
-
-def _pixels(message: Image) -> NDArray[np.uint8]:
-    """Return the image as (H, W, 3) or, for mono8, (H, W).
-
-    Raises:
-        ImageError: an encoding the detector does not read, or fewer bytes than size and step say.
-    """
-    channels = CHANNELS.get(message.encoding)
-    if channels is None:
-        raise ImageError(f"encoding {message.encoding!r} is none of {', '.join(CHANNELS)}")
-    row_bytes = message.width * channels
-    if row_bytes == 0 or message.step < row_bytes or len(message.data) != message.step * message.height:
-        raise ImageError(
-            f"{message.width} x {message.height} {message.encoding} with step {message.step} does not fit "
-            f"{len(message.data)} bytes"
-        )
-    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(message.height, message.step)[:, :row_bytes]
-    shape = (message.height, message.width) if channels == 1 else (message.height, message.width, channels)
-    return np.ascontiguousarray(rows).reshape(shape)
 
 
 def main() -> int:
