@@ -38,6 +38,7 @@ from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.errors import MbpamError
 
 _STEPS = 12
+_NOWHERE = np.empty((0, 2))
 _GRAVITY_LEVELS = (0.25, 0.5, 0.75, 1.0)
 _AXIS_POINTS = 51
 
@@ -131,6 +132,7 @@ def shoot(
     stretch: AxisStretch = INEXTENSIBLE,
     push_n: float = 0.0,
     upright_n: float = 0.0,
+    marched_m: NDArray[np.float64] = _NOWHERE,
 ) -> Shot:
     """March from an assumed tip to the clamp.
 
@@ -141,6 +143,7 @@ def shoot(
         weight_n_m: w [N/m].
         stretch: of the axis.
         push_n, upright_n: N and T.
+        marched_m: (_STEPS + 1, 2), filled with the places passed from the tip on; or empty.
     """
     clamp_angle, rim_x, rim_z = _march(
         tip_angle_rad,
@@ -153,7 +156,7 @@ def shoot(
         stretch,
         push_n,
         upright_n,
-        _NOWHERE,
+        marched_m,
     )
     return Shot(clamp_angle, rim_x, rim_z)
 
@@ -171,9 +174,8 @@ def upright_axis_m(
     """Return points (x, z) of the axis from clamp to tip, shape (51, 2) [m]; the arguments are a solution's."""
     marched = np.empty((_STEPS + 1, 2))
     weight = geometry.mass_per_length_kg_m * gravity_m_s2
-    end, active, radius = geometry.end_length_m, geometry.active_length_m, geometry.outer_radius_m
-    compliance = 1.0 / stiffness_n_m2
-    _march(tip_angle_rad, moment_n_m, compliance, radius, end, active, weight, stretch, push_n, upright_n, marched)
+    end = geometry.end_length_m
+    shoot(tip_angle_rad, moment_n_m, 1.0 / stiffness_n_m2, geometry, weight, stretch, push_n, upright_n, marched)
     marched = (0.0, end) + (marched[-1] - marched[::-1])
     way = np.append(0.0, np.cumsum(np.hypot(*np.diff(marched, axis=0).T)))
     tip = np.array([math.sin(tip_angle_rad), math.cos(tip_angle_rad)])
@@ -181,9 +183,6 @@ def upright_axis_m(
     between = active_axis(np.linspace(0.0, way[-1], _AXIS_POINTS - 2))
     axis: NDArray[np.float64] = np.concatenate([[[0.0, 0.0]], between, [between[-1] + end * tip]])
     return axis
-
-
-_NOWHERE = np.empty((0, 2))
 
 
 @njit(cache=True)
