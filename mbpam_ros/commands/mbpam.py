@@ -28,7 +28,7 @@ VERBS = (
     Verb(
         "faults", "faults of the machine at random: who sees them, how soon, what comes of it", "faults", resumes=True
     ),
-    Verb("peers", "CPU time at equal accuracy beside MuJoCo and PyElastica", "peers"),
+    Verb("peers", "CPU time at equal accuracy beside MuJoCo and PyElastica", "peers", resumes=True),
     Verb("rod", "one muscle as a rod under loads in any posture, alone or beside finite elements", "rod"),
     Verb("fe", "the finite element muscle: beside the paper's, and the laws made from it", "fe"),
     Verb("silicone", "constants of a silicone from its tensile test", "silicone"),

@@ -17,13 +17,12 @@ from mbpam_ros.commands.workers import refuse_workers
 from mbpam_ros.configuration import load_config
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.tiers.base import PlantConfig
-from mbpam_ros.study.peers.benchmark_peers import ALL_STRAINS, BEND, PARTS, compare_with_peers, result_text
+from mbpam_ros.study.jobs import runs_beside
+from mbpam_ros.study.peers.benchmark_peers import STRAINS, compare_with_peers, result_text
 from mbpam_ros.study.peers.mujoco_model import load_mujoco
 from mbpam_ros.study.peers.pyelastica_model import load_pyelastica
 from mbpam_ros.study.result_file import write_json
-from mbpam_ros.terminal import Progress, announce
-
-_FIXED_S, _S_PER_RUN = {BEND: 120.0, ALL_STRAINS: 100.0}, {BEND: 10.0, ALL_STRAINS: 12.0}
+from mbpam_ros.terminal import Progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=result_file, metavar="FILE", help="where the ratios and details go")
     parser.add_argument("--runs", type=int, default=7, help="interleaved runs of each pair (default: 7)")
     parser.add_argument(
-        "--strains", choices=list(PARTS), action="append", help="what the muscles do; may be repeated (default: both)"
+        "--strains", choices=STRAINS, action="append", help="what the muscles do; may be repeated (default: both)"
     )
     refuse_workers(parser)
 
@@ -41,13 +40,14 @@ def run(options: argparse.Namespace) -> int:
     load_mujoco()
     load_pyelastica()
     retardation_s = load_config(PlantConfig, "plant.yaml").retardation_time_s
-    strains = options.strains or list(PARTS)
-    parts = sum(PARTS[each] for each in set(strains))
-    seconds = sum(_FIXED_S[each] + _S_PER_RUN[each] * options.runs for each in set(strains))
-    announce(f"{parts} parts, {options.runs} runs of each pair", seconds)
-    progress = Progress(sys.stderr)
-    progress.start(parts)
-    result = compare_with_peers(load_gripper(), retardation_s, options.runs, progress.job_ended, strains)
+    result = compare_with_peers(
+        load_gripper(),
+        retardation_s,
+        options.runs,
+        runs_beside(options.json),
+        Progress(sys.stderr),
+        options.strains or STRAINS,
+    )
     if options.json is not None:
         write_json(options.json, result)
     print(result_text(result))

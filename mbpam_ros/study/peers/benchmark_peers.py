@@ -15,10 +15,15 @@ import itertools
 import os
 import platform
 from collections.abc import Callable, Collection
+from dataclasses import replace
+from functools import cached_property, partial
+from pathlib import Path
 from typing import Any
 
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2
 from mbpam_ros.gripper import Gripper
+from mbpam_ros.study.executors import ThisProcess
+from mbpam_ros.study.jobs import ResultFile, run_jobs
 from mbpam_ros.study.peers.contact_accuracy import (
     CALL_S,
     ERROR_PCT,
@@ -37,11 +42,12 @@ from mbpam_ros.study.peers.mujoco_model import (
     has_integrator,
 )
 from mbpam_ros.study.peers.own import OwnFreeBend, OwnGrasp, reference_tips
-from mbpam_ros.study.peers.problem import FingerProblem, finger_problem
+from mbpam_ros.study.peers.problem import Array, FingerProblem, finger_problem
 from mbpam_ros.study.peers.pyelastica_model import PyelasticaFreeBend
 from mbpam_ros.study.peers.search import (
     TIMED_S,
     WINDOWS_S,
+    Simulation,
     Tried,
     cheapest,
     compare,
@@ -49,7 +55,7 @@ from mbpam_ros.study.peers.search import (
     cpu_ms_per_s_of_starts,
     try_settings,
 )
-from mbpam_ros.terminal import table
+from mbpam_ros.terminal import Progress, table
 
 PRESSURE_PA, GRASP_SHARE = 100e3, 0.7
 _SPHERE = {"radius_m": 0.030, "mass_kg": 0.046, "depth_m": 0.085}
@@ -63,20 +69,59 @@ _LEVEL = (GRAVITY_M_S2, 0.0, 0.0)
 BEND, ALL_STRAINS = "bend", "bend,stretch,twist"
 """Sets of strains that are compared."""
 
-PARTS = {BEND: 7, ALL_STRAINS: 6}
-"""Into how many parts the comparison of each falls."""
+STRAINS = (BEND, ALL_STRAINS)
+_S_PER_PART, _S_PER_RUN = 20.0, 2.0
+
+
+class FreeBends:
+    """Muscles that bend freely: the settings of ours and of MuJoCo are tried when a part first asks for them.
+
+    Raises, when asked:
+        BoundaryValueError, RodSolutionError: the static problem was not solved.
+        ReferenceSolutionError: the reference is not its solution.
+    """
+
+    def __init__(self, problem: FingerProblem, ours: list[dict[str, object]], peer: list[dict[str, object]]) -> None:
+        self.problem = problem
+        self._ours, self._peer = ours, peer
+
+    @cached_property
+    def own(self) -> list[Tried]:
+        """Ours at each setting."""
+        return self.tried(OwnFreeBend, self._ours)
+
+    @cached_property
+    def mujoco(self) -> list[Tried]:
+        """MuJoCo at each setting."""
+        return self.tried(MujocoFreeBend, self._peer)
+
+    def tried(self, simulator: Callable[..., Simulation], settings: list[dict[str, object]]) -> list[Tried]:
+        """Return a simulator at each setting."""
+        length = self.problem.geometry.length_m
+        return try_settings(lambda **setting: simulator(self.problem, **setting), settings, self._reference_m, length)
+
+    @cached_property
+    def _reference_m(self) -> Array:
+        return reference_tips(self.problem)
 
 
 def compare_with_peers(
     gripper: Gripper,
     retardation_s: float,
     runs: int,
-    job_ended: Callable[[str], object] = str,
-    strains: Collection[str] = (BEND, ALL_STRAINS),
+    kept: Path | None,
+    progress: Progress,
+    strains: Collection[str] = STRAINS,
 ) -> dict[str, Any]:
     """Return the ratios peer / ours and, under ``details``, all settings, errors and times.
 
-    ``job_ended`` is called after each part with a line about it; ``strains`` are the sets that are compared.
+    Args:
+        gripper: of which the fingers are.
+        retardation_s: retardation time of the silicone [s].
+        runs: interleaved runs of each pair.
+        kept: file of the parts that are finished, from which an interrupted comparison goes on; None keeps none.
+        progress: told of each part.
+        strains: the sets that are compared.
 
     Raises:
         PeerMissingError: a simulator is not installed.
@@ -84,73 +129,56 @@ def compare_with_peers(
         BoundaryValueError, RodSolutionError: the static problem was not solved.
         ReferenceSolutionError: the reference is not its solution.
         AccuracyError: a simulator was not accurate enough at any setting.
+        ResultFileError: ``kept`` is something else, or cannot be written.
     """
-    details: dict[str, Any] = {}
+    problems: dict[str, dict[str, object]] = {}
+    parts: dict[str, Callable[[], dict[str, Any]]] = {}
     if BEND in strains:
-        details |= _bending(gripper, retardation_s, runs, job_ended)
+        problem = finger_problem(gripper, PRESSURE_PA, retardation_s)
+        problems["problem"] = _described(problem)
+        parts |= _bending(problem, finger_problem(gripper, GRASP_SHARE * PRESSURE_PA, retardation_s), runs)
     if ALL_STRAINS in strains:
-        details |= _with_all_strains(gripper, retardation_s, runs, job_ended)
-    ratios = {name: of["ratio"] for name, of in details.items() if "ratio" in of}
-    return {**ratios, "details": {"conditions": _conditions(), **details}}
-
-
-def _bending(
-    gripper: Gripper, retardation_s: float, runs: int, job_ended: Callable[[str], object]
-) -> dict[str, dict[str, Any]]:
-    problem = finger_problem(gripper, PRESSURE_PA, retardation_s)
-    reference, length = reference_tips(problem), problem.geometry.length_m
-    own = try_settings(lambda **setting: OwnFreeBend(problem, **setting), own_settings(), reference, length)
-    mujoco = try_settings(lambda **setting: MujocoFreeBend(problem, **setting), mujoco_settings(), reference, length)
-    job_ended("settings of ours and MuJoCo tried")
-    details: dict[str, dict[str, Any]] = {"problem": _described(problem)}
-    for name, limits in _LIMITS.items():
-        ours, peer = cheapest(own, *limits), cheapest(mujoco, *limits)
-        details[f"free_{name}"] = {
-            **_free(ours, peer, runs),
-            "ratio_by_window_s": {str(window): _timed(ours, peer, runs, window)["ratio"] for window in WINDOWS_S},
-        }
-        job_ended(f"free_{name}")
-    details["single_call_1ms"] = _single_calls(problem, cheapest(own, 1.0, 1.0), cheapest(mujoco, 1.0, 1.0), runs)
-    job_ended("single_call_1ms")
-    elastica = try_settings(
-        lambda **setting: PyelasticaFreeBend(problem, **setting), pyelastica_settings(), reference, length
+        hanging = finger_problem(gripper, PRESSURE_PA, retardation_s, all_strains=True)
+        for posture, problem in (("hanging", hanging), ("level", replace(hanging, gravity_m_s2=_LEVEL))):
+            problems[f"problem_{posture}"] = _described(problem)
+            parts |= _with_all_strains(problem, posture, runs)
+    settings = {"runs": runs, **problems, **_software()}
+    results = ResultFile(kept, settings, "parts", lambda row: row["part"])
+    run_jobs(
+        {name: (name, part) for name, part in parts.items()},
+        _measured,
+        results,
+        ThisProcess(),  # processor time is measured: one after the other
+        progress,
+        lambda row: f"{row['part']}: {row['ratio']:.1f}",
+        s_per_job=_S_PER_PART + _S_PER_RUN * runs,
     )
-    details["pyelastica_1pct"] = _free(cheapest(own, 1.0, float("inf")), cheapest(elastica, 1.0, float("inf")), runs)
-    job_ended("pyelastica_1pct")
-    grasped = finger_problem(gripper, GRASP_SHARE * PRESSURE_PA, retardation_s)
-    details["contact_equal_step"] = _contact(grasped, runs)
-    job_ended("contact_equal_step")
-    details["contact_equal_accuracy"] = _equally_accurate(Grasp(grasped, friction=_FRICTION, **_SPHERE), runs)
-    job_ended("contact_equal_accuracy")
-    return details
-
-
-def _with_all_strains(
-    gripper: Gripper, retardation_s: float, runs: int, job_ended: Callable[[str], object]
-) -> dict[str, dict[str, Any]]:
-    hanging = finger_problem(gripper, PRESSURE_PA, retardation_s, all_strains=True)
-    level = dataclasses.replace(hanging, gravity_m_s2=_LEVEL)
+    rows = {name: results.rows[name] for name in parts}
+    conditions = {**_software(), "load_average": os.getloadavg()}
     return {
-        **_strained(hanging, "hanging", runs, job_ended),
-        **_strained(level, "level", runs, job_ended),
+        **{name: row["ratio"] for name, row in rows.items()},
+        "details": {"conditions": conditions, **problems, **rows},
     }
 
 
-def _strained(
-    problem: FingerProblem, posture: str, runs: int, job_ended: Callable[[str], object]
-) -> dict[str, dict[str, Any]]:
-    reference, length = reference_tips(problem), problem.geometry.length_m
-    own = try_settings(lambda **setting: OwnFreeBend(problem, **setting), own_strain_settings(), reference, length)
-    mujoco = try_settings(
-        lambda **setting: MujocoFreeBend(problem, **setting), mujoco_strain_settings(), reference, length
-    )
-    job_ended(f"settings of ours and MuJoCo tried with all strains, {posture}")
-    details: dict[str, dict[str, Any]] = {f"problem_{posture}": _described(problem)}
-    for name, limits in _LIMITS.items():
-        key = f"strains_{posture}_{name}"
-        details[key] = _free(cheapest(own, *limits), cheapest(mujoco, *limits), runs)
-        job_ended(key)
-    return details
+def _measured(name: str, part: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    return {"part": name, **part()}
+
+
+def _bending(problem: FingerProblem, grasped: FingerProblem, runs: int) -> dict[str, Callable[[], dict[str, Any]]]:
+    bends = FreeBends(problem, own_settings(), mujoco_settings())
+    return {
+        **{f"free_{name}": partial(_free_by_window, bends, limits, runs) for name, limits in _LIMITS.items()},
+        "single_call_1ms": partial(_single_calls, bends, runs),
+        "pyelastica_1pct": partial(_free_of_pyelastica, bends, runs),
+        "contact_equal_step": partial(_contact, grasped, runs),
+        "contact_equal_accuracy": partial(_equally_accurate, Grasp(grasped, friction=_FRICTION, **_SPHERE), runs),
+    }
+
+
+def _with_all_strains(problem: FingerProblem, posture: str, runs: int) -> dict[str, Callable[[], dict[str, Any]]]:
+    bends = FreeBends(problem, own_strain_settings(), mujoco_strain_settings())
+    return {f"strains_{posture}_{name}": partial(_free, bends, limits, runs) for name, limits in _LIMITS.items()}
 
 
 def own_settings() -> list[dict[str, object]]:
@@ -216,7 +244,25 @@ def pyelastica_settings() -> list[dict[str, object]]:
     return [{"shares": shares, "step_s": step} for shares in (6, 8, 10) for step in (0.0005, 0.0004, 0.0003)]
 
 
-def _free(ours: Tried, peer: Tried, runs: int) -> dict[str, Any]:
+def _free(bends: FreeBends, limits: tuple[float, float], runs: int) -> dict[str, Any]:
+    return _compared(cheapest(bends.own, *limits), cheapest(bends.mujoco, *limits), runs)
+
+
+def _free_by_window(bends: FreeBends, limits: tuple[float, float], runs: int) -> dict[str, Any]:
+    ours, peer = cheapest(bends.own, *limits), cheapest(bends.mujoco, *limits)
+    return {
+        **_compared(ours, peer, runs),
+        "ratio_by_window_s": {str(window): _timed(ours, peer, runs, window)["ratio"] for window in WINDOWS_S},
+    }
+
+
+def _free_of_pyelastica(bends: FreeBends, runs: int) -> dict[str, Any]:
+    """Compare what comes to rest at the right place: its transients are not those of the same damping."""
+    elastica = bends.tried(PyelasticaFreeBend, pyelastica_settings())
+    return _compared(cheapest(bends.own, 1.0, float("inf")), cheapest(elastica, 1.0, float("inf")), runs)
+
+
+def _compared(ours: Tried, peer: Tried, runs: int) -> dict[str, Any]:
     return {**_timed(ours, peer, runs), "ours": ours.as_json(), "peer": peer.as_json()}
 
 
@@ -228,10 +274,12 @@ def _timed(ours: Tried, peer: Tried, runs: int, seconds: float = TIMED_S) -> dic
     )
 
 
-def _single_calls(problem: FingerProblem, ours: Tried, peer: Tried, runs: int) -> dict[str, object]:
+def _single_calls(bends: FreeBends, runs: int) -> dict[str, object]:
     """Time one Python call a step of 1 ms, with the spatial resolution and integrator that have 1 %."""
-    own_setting, peer_setting = ({**one.setting, "step_s": _SINGLE_STEP_S} for one in (ours, peer))
-    own, other = OwnFreeBend(problem, **own_setting), MujocoFreeBend(problem, **peer_setting)
+    own_setting, peer_setting = (
+        {**cheapest(tried, 1.0, 1.0).setting, "step_s": _SINGLE_STEP_S} for tried in (bends.own, bends.mujoco)
+    )
+    own, other = OwnFreeBend(bends.problem, **own_setting), MujocoFreeBend(bends.problem, **peer_setting)
     timed = compare(
         lambda: cpu_ms_per_s_of_starts(own, own.advance_singly),
         lambda: cpu_ms_per_s_of_starts(other, other.advance_singly),
@@ -281,13 +329,12 @@ def _equally_accurate(grasp: Grasp, runs: int) -> dict[str, Any]:
     return {**timed, "error_pct": ERROR_PCT, "call_s": CALL_S, "ours": ours.as_json(), "peer": peer.as_json()}
 
 
-def _conditions() -> dict[str, object]:
+def _software() -> dict[str, object]:
     packages = ("mujoco", "pyelastica", "numpy", "numba")
     return {
         "versions": {name: importlib.metadata.version(name) for name in packages},
         "python": platform.python_version(),
         "machine": platform.machine(),
-        "load_average": os.getloadavg(),
         "mujoco_cone": CONE,
         "mujoco_impratio": IMPRATIO,
     }
@@ -298,7 +345,7 @@ def _described(problem: FingerProblem) -> dict[str, object]:
         "moment_n_m": problem.moment_n_m,
         "stiffness_n_m2": problem.stiffness_n_m2,
         "retardation_s": problem.retardation_s,
-        "gravity_m_s2": problem.gravity_m_s2,
+        "gravity_m_s2": list(problem.gravity_m_s2),
         "length_m": problem.geometry.length_m,
         "mass_per_length_kg_m": problem.geometry.mass_per_length_kg_m,
         **({} if problem.strains is None else dataclasses.asdict(problem.strains)),

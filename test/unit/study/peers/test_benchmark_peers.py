@@ -1,6 +1,7 @@
 """The comparison with other simulators: what needs none of them, and short runs of those that are installed."""
 
 import dataclasses
+import io
 import sys
 from xml.etree import ElementTree
 
@@ -9,6 +10,7 @@ import pytest
 
 from mbpam_ros.commands.mbpam import main
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.study.peers import benchmark_peers
 from mbpam_ros.study.peers.contact_accuracy import (
     CALL_S,
     mujoco_grasp_settings,
@@ -22,6 +24,7 @@ from mbpam_ros.study.peers.own import OwnFreeBend, OwnGrasp
 from mbpam_ros.study.peers.problem import TipErrors, finger_problem, static_tips, tip_errors
 from mbpam_ros.study.peers.pyelastica_model import PyelasticaFreeBend, rod_elements
 from mbpam_ros.study.peers.search import AccuracyError, Tried, cheapest, compare, cpu_ms_per_s, cpu_ms_per_s_of_starts
+from mbpam_ros.terminal import Progress
 
 PROBLEM = finger_problem(load_gripper(), 100e3, 0.02)
 STRAINED = finger_problem(load_gripper(), 100e3, 0.02, all_strains=True)
@@ -122,6 +125,33 @@ def test_cheapest_is_among_the_accurate_or_refused():
 def test_ratio_is_the_median_of_peer_over_ours():
     ours, peer = iter([9.0, 1.0, 2.0, 1.0]), iter([9.0, 4.0, 6.0, 9.0])
     assert compare(lambda: next(ours), lambda: next(peer), 3)["ratio"] == 4.0
+
+
+def test_an_interrupted_comparison_goes_on_with_the_parts_that_are_missing(monkeypatch, tmp_path):
+    measured = []
+
+    def part(name, ends=False):
+        def measure():
+            if ends:
+                raise KeyboardInterrupt
+            measured.append(name)
+            return {"ratio": 2.0}
+
+        return measure
+
+    def compared(ends):
+        parts = {"first": part("first"), "second": part("second", ends)}
+        monkeypatch.setattr(benchmark_peers, "_bending", lambda *_: parts)
+        return benchmark_peers.compare_with_peers(
+            load_gripper(), 0.02, 1, tmp_path / "runs.json", Progress(io.StringIO()), [benchmark_peers.BEND]
+        )
+
+    monkeypatch.setattr(benchmark_peers, "_software", lambda: {"versions": {}})
+    with pytest.raises(KeyboardInterrupt):
+        compared(ends=True)
+    result = compared(ends=False)
+    assert measured == ["first", "second"]
+    assert result["first"] == result["second"] == 2.0
 
 
 def test_costs_are_of_the_window_from_each_start(monkeypatch):
