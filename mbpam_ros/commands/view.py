@@ -7,8 +7,8 @@
 Shown are the fingers as estimated, the truth of a simulated gripper pale beside them, the object, what the camera
 found, its picture, pressures with set-point and limit, the state of the grasp, and what every node says of itself. The
 page is served to this machine alone unless --host says otherwise, and shows only, unless --allow-commands. Fingers move
-as often as they are told: set marker_rate_hz of state_estimator and plant to 30 for a smooth picture. --measure says how
-many pictures a second were sent, and what that cost.
+as often as they are told: set marker_rate_hz of state_estimator and plant to 30 for a smooth picture. How many pictures
+a second were sent, and what that cost, --measure tells.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from mbpam_ros.commands.system import Operator
 from mbpam_ros.description.centreline import places_along
 from mbpam_ros.description.frames import HANGING_XYZW
 from mbpam_ros.description.urdf import PALM_THICKNESS_M
-from mbpam_ros.description.wave_mesh import WAVE_COUNT, Wave, wave_triangles
+from mbpam_ros.description.wave_mesh import Wave, wave_count, wave_triangles
 from mbpam_ros.gripper import Gripper
 
 if TYPE_CHECKING:
@@ -108,8 +108,7 @@ class Viewer:
         size_m = (width_m, width_m, PALM_THICKNESS_M)
         scene.add_box("/hand/palm", (75, 75, 80), size_m, position=(0.0, 0.0, -0.5 * PALM_THICKNESS_M))
         self._end_share = geometry.end_length_m / geometry.length_m
-        waves_m = geometry.active_length_m / WAVE_COUNT
-        wave = Wave.of_gripper(self._gripper, waves_m)
+        wave = Wave.of_gripper(self._gripper, geometry.active_length_m / wave_count(self._gripper))
         end = Wave(geometry.outer_radius_m, 1e-6, wave.cross_m, wave.wall_m, geometry.end_length_m)
         self._shapes = [self._finger_shapes(root, wave, end) for root in ("/hand", "/truth")]
         chambers = np.array([np.cos(CHAMBER_AZIMUTH_RAD), np.sin(CHAMBER_AZIMUTH_RAD), 0.0 * CHAMBER_AZIMUTH_RAD]).T
@@ -128,7 +127,8 @@ class Viewer:
     def _finger_shapes(self, root: str, wave: Wave, end: Wave) -> list[tuple[Any, NDArray[np.float64]]]:
         """Waves and ends of four fingers, hidden until their line is known, and where along it they lie."""
         first, last = self._end_share, 1.0 - self._end_share
-        shares = first + (last - first) * (np.arange(WAVE_COUNT) + 0.5) / WAVE_COUNT
+        waves = wave_count(self._gripper)
+        shares = first + (last - first) * (np.arange(waves) + 0.5) / waves
         shapes = []
         for name, piece, places in (("waves", wave, shares), ("ends", end, np.array([0.5 * first, 0.5 * (1 + last)]))):
             corners, count = wave_triangles(piece, ARC_POINTS, SLICES).reshape(-1, 3), FINGER_COUNT * len(places)
