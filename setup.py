@@ -14,6 +14,7 @@ NODES = (
     "plant",
     "pressure_sensor",
     "valve_controller",
+    "managed_valve_controller",
     "state_estimator",
     "object_detector",
     "grasp_arbiter",

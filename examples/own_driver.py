@@ -7,7 +7,8 @@ ros2 run mbpam_ros pressure_sensor & ros2 run mbpam_ros valve_controller & ros2 
 It speaks Modbus/TCP with a terminal of sixteen proportional valves, a supply valve and sixteen analogue inputs. Their
 registers are those of simulated_terminal.py, their calibration is terminal.yaml. For other hardware replace the two
 functions "start" and "exchange" of the class Terminal. What stays: it connects again, sets the terminal's watchdog,
-which closes all valves when this program or the cable is gone, and reports its health.
+which closes all valves when this program or the cable is gone, and reports its health. own_managed_driver.py is the
+same as a managed node.
 """
 
 import socket
@@ -16,13 +17,15 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from mbpam_ros.nodes.runtime import NEWEST, STREAM, GripperNode, Health, run  # isort: skip
+from mbpam_ros.nodes.runtime import NEWEST, STREAM, Health, run  # isort: skip
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
 
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
+from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError, load_config, require_positive
+from mbpam_ros.nodes.air_node import AirNode
 from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.pneumatics.findings import SUPPLY
@@ -127,17 +130,21 @@ class Terminal:
         return received
 
 
-class DriverNode(GripperNode):
+class DriverNode(AirNode):
     """Publishes ``transducers`` at 100 Hz, follows ``valve_commands``, and closes the valves when these stay out."""
 
     def __init__(self, **node_options: object) -> None:
-        """Open topics; the terminal is connected by the first period."""
+        """Build and configure it."""
         super().__init__("driver", PARAMETERS, **node_options)
+
+    def configure(self) -> None:
+        """Read the terminal file and open topics; the terminal is connected by the first period."""
         host, _, port = self.text("address").rpartition(":")
         if not host or not port.isdigit():
             raise ConfigError(f"driver: address {self.text('address')!r} is no host:port")
         self.terminal = Terminal(host, int(port), load_config(TerminalConfig, self.text("terminal")))
         self.opening, self.supply_open, self.commanded_s = np.zeros(CHANNEL_COUNT), False, -np.inf
+        self.air_flows = True
         self.fault, self.connect_at_s, self.connections, self.slowest_s = "not connected yet", 0.0, 0, 0.0
         self.transducers = self.create_publisher(JointState, "transducers", STREAM)
         self.volts = JointStateForm(CHANNEL_NAMES)
@@ -151,6 +158,14 @@ class DriverNode(GripperNode):
         if self.fault:
             return Health(DiagnosticStatus.ERROR, f"terminal at {self.value('address')}: {self.fault}", values)
         return Health(message=f"terminal at {self.value('address')}", values=values)
+
+    def let_air_flow(self, on: bool) -> Answer:
+        """Follow the commands, if the terminal is there; or from now on let air out alone, where all of it is to go."""
+        if on and self.fault:
+            return Answer(False, f"terminal at {self.value('address')}: {self.fault}")
+        self.air_flows = on
+        self.on_period()
+        return Answer(True, "")
 
     def leave(self) -> None:
         """Close the valves before the node ends; if that fails, the terminal's watchdog does."""
@@ -179,6 +194,9 @@ class DriverNode(GripperNode):
         now_s = time.monotonic()
         silence_s = now_s - self.commanded_s
         opening = self.opening if silence_s <= COMMAND_TIMEOUT_S else np.zeros(CHANNEL_COUNT)
+        supply_open = self.supply_open and silence_s <= SUPPLY_TIMEOUT_S
+        if not self.air_flows:
+            opening, supply_open = np.where(opening <= -1.0, -1.0, 0.0), False
         try:
             if not self.terminal.connected:
                 if now_s < self.connect_at_s:
@@ -186,7 +204,7 @@ class DriverNode(GripperNode):
                 self.connect_at_s = now_s + RECONNECT_S
                 self.terminal.start()
                 self.connections += 1
-            volts = self.terminal.exchange(opening, self.supply_open and silence_s <= SUPPLY_TIMEOUT_S)
+            volts = self.terminal.exchange(opening, supply_open)
         except OSError as error:
             self.terminal.close()
             self.find(str(error) or type(error).__name__)

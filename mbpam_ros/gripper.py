@@ -39,6 +39,8 @@ class Gripper:
         over_pressure_gauge_pa: a chamber above this vents at once; above the limit by more than overshoot and noise.
         muscle: name of the drawing that design and geometry come from, and of what was found out about it. Without it
             in the file, the paper's, of the design and geometry that the file gives.
+        wall_m, wave_count: c, thickness of the chambers' wall, and waves of a muscle: of its drawing, else what the
+            paper does not state and we read from it. Nothing but pictures depends on them here.
     """
 
     design: MuscleDesign
@@ -49,9 +51,11 @@ class Gripper:
     pressure_limit_gauge_pa: float
     over_pressure_gauge_pa: float
     muscle: str = PAPER
+    wall_m: float = 0.0023
+    wave_count: float = 14.0
 
     def __post_init__(self) -> None:
-        require_positive(self, "finger_circle_radius_m", "pressure_limit_gauge_pa")
+        require_positive(self, "finger_circle_radius_m", "pressure_limit_gauge_pa", "wall_m", "wave_count")
         if self.muscle != PAPER and self.target == "test":
             raise ValueError(f"target test is the paper's muscle; for {self.muscle} take fe or measured")
         if not self.over_pressure_gauge_pa > self.pressure_limit_gauge_pa:
@@ -117,7 +121,7 @@ def load_gripper(name: str | Path = "gripper.yaml") -> Gripper:
     """
     content = load_yaml(name)
     if "muscle" in content:
-        given = [key for key in ("design", "geometry") if key in content]
+        given = [key for key in ("design", "geometry", "wall_m", "wave_count") if key in content]
         if given:
             raise ConfigError(f"{name}: muscle and {' and '.join(given)}: the drawing of the muscle gives these")
         try:
@@ -125,6 +129,7 @@ def load_gripper(name: str | Path = "gripper.yaml") -> Gripper:
         except ConfigError as error:
             raise ConfigError(f"{name}: muscle: {error}") from error
         content |= {"design": drawing.design, "geometry": drawing.geometry}
+        content |= {"wall_m": 1e-3 * drawing.c_mm, "wave_count": drawing.wave_count}
         content.setdefault("metamodel", "prs")
         return parse_config(Gripper, content, where=str(name))
     if isinstance(content.get("design"), str):

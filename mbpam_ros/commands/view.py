@@ -7,12 +7,14 @@
 Shown are the fingers as estimated, the truth of a simulated gripper pale beside them, the object, what the camera
 found, its picture, pressures with set-point and limit, the state of the grasp, and what every node says of itself. The
 page is served to this machine alone unless --host says otherwise, and shows only, unless --allow-commands. Fingers move
-as often as they are told: set marker_rate_hz of state_estimator and plant to 30 for a smooth picture.
+as often as they are told: set marker_rate_hz of state_estimator and plant to 30 for a smooth picture. How many pictures
+a second were sent, and what that cost, --measure tells.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import queue
 import signal
 import time
@@ -21,6 +23,7 @@ from typing import TYPE_CHECKING
 from mbpam_ros.commands.system import NodeSystemError, Operator
 
 from mbpam_ros.commands.viewer import FRAME_S, Viewer  # isort: skip
+import numpy as np
 from std_srvs.srv import SetBool, Trigger
 
 from mbpam_ros.errors import MbpamError
@@ -37,6 +40,38 @@ BUTTONS = {"grasp": ("auto", *MODE_NAMES, "release", "check", "reset"), "plant":
 AIR, STOP = "valve_controller/enable", "grasp/stop"
 
 
+class Pace:
+    """How many pictures of moving fingers a second are sent, and what this process takes of a core, threads included.
+
+    Args:
+        duration_s: it is over so long after the first picture.
+    """
+
+    def __init__(self, duration_s: float) -> None:
+        self._duration_s = duration_s
+        self._drawn_s: list[float] = []
+        self._cpu_from_s = self._cpu_s = 0.0
+
+    def drew(self) -> None:
+        """Take notice that the fingers were drawn anew, now."""
+        if not self._drawn_s:
+            self._cpu_from_s = time.process_time()
+        self._drawn_s.append(time.monotonic())
+        self._cpu_s = time.process_time() - self._cpu_from_s
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is up."""
+        return bool(self._drawn_s) and self._drawn_s[-1] - self._drawn_s[0] >= self._duration_s
+
+    def __str__(self) -> str:
+        gaps_s = np.diff(self._drawn_s)
+        return (
+            f"{len(gaps_s) / gaps_s.sum():.1f} pictures/s in {gaps_s.sum():.0f} s, longest pause "
+            f"{1e3 * gaps_s.max():.0f} ms, {100.0 * self._cpu_s / gaps_s.sum():.0f} % of a core"
+        )
+
+
 class ViewError(MbpamError, RuntimeError):
     """The page cannot be served; the message says why."""
 
@@ -47,6 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--host", default=LOOPBACK, help="address that is served (default: this machine alone)")
     parser.add_argument("--namespace", default="", help="of the gripper (default: none)")
     parser.add_argument("--allow-commands", action="store_true", help="buttons that call services")
+    parser.add_argument("--measure", type=float, metavar="S", help="say after S seconds of moving fingers what it cost")
     parser.add_argument("--gripper", default="gripper.yaml", metavar="YAML", help="default: gripper.yaml")
 
 
@@ -69,13 +105,18 @@ def run(options: argparse.Namespace) -> int:
             _add_buttons(server, asked)
         viewer = Viewer(operator, server, gripper)
         print(f"http://{options.host}:{server.get_port()}; Ctrl-C ends it", flush=True)
-        while not stopped:
-            until_s = time.monotonic() + FRAME_S
-            while time.monotonic() < until_s and not stopped:
-                operator.spin(until_s - time.monotonic())
-            viewer.draw()
+        pace = Pace(options.measure or math.inf)
+        next_s = time.monotonic()
+        while not (stopped or pace.over):
+            next_s = max(next_s + FRAME_S, time.monotonic())  # pictures that are late are left out
+            while (left_s := next_s - time.monotonic()) > 0.0 and not stopped:
+                operator.spin(left_s)
+            if viewer.draw():
+                pace.drew()
             if not asked.empty():
                 _ask(operator, server, *asked.get())
+        if pace.over:
+            print(pace)
     finally:
         operator.close()
         server.stop()

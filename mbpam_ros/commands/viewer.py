@@ -24,7 +24,7 @@ from mbpam_ros.commands.system import Operator
 from mbpam_ros.description.centreline import places_along
 from mbpam_ros.description.frames import HANGING_XYZW
 from mbpam_ros.description.urdf import PALM_THICKNESS_M
-from mbpam_ros.description.wave_mesh import WAVE_COUNT, Wave, wave_triangles
+from mbpam_ros.description.wave_mesh import Wave, wave_count, wave_triangles
 from mbpam_ros.gripper import Gripper
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ ARC_POINTS, SLICES = 5, 7
 
 PLOT_PERIOD_S = 0.2
 PLOTTED_S = 20.0
+SAMPLE_PERIOD_S = 0.1
 LEVELS = {DiagnosticStatus.OK: "ok", DiagnosticStatus.WARN: "**warning**", DiagnosticStatus.ERROR: "**error**"}
 SILICONE, TRUTH, OBJECT, FOUND = (60, 150, 230), (205, 210, 215), (240, 165, 60), (90, 200, 110)
 FINGER_COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd")
@@ -73,8 +74,8 @@ class Viewer:
         ):
             operator.node.create_subscription(message_type, topic, self._keep(topic), qos)
 
-    def draw(self) -> None:
-        """Bring the page up to date with what came since the last call."""
+    def draw(self) -> bool:
+        """Bring the page up to date with what came since the last call; return whether fingers were drawn anew."""
         news, self._news = self._news, {}
         for topic, update in (
             ("finger_markers", self._draw_estimate),
@@ -90,6 +91,7 @@ class Viewer:
             self._plotted_at_s = time.monotonic()
             self._plot()
             self._tell()
+        return "finger_markers" in news
 
     def _keep(self, topic: str) -> Callable[[Any], None]:
         return lambda message: self._news.__setitem__(topic, message)
@@ -106,8 +108,7 @@ class Viewer:
         size_m = (width_m, width_m, PALM_THICKNESS_M)
         scene.add_box("/hand/palm", (75, 75, 80), size_m, position=(0.0, 0.0, -0.5 * PALM_THICKNESS_M))
         self._end_share = geometry.end_length_m / geometry.length_m
-        waves_m = geometry.active_length_m / WAVE_COUNT
-        wave = Wave.of_gripper(self._gripper, waves_m)
+        wave = Wave.of_gripper(self._gripper, geometry.active_length_m / wave_count(self._gripper))
         end = Wave(geometry.outer_radius_m, 1e-6, wave.cross_m, wave.wall_m, geometry.end_length_m)
         self._shapes = [self._finger_shapes(root, wave, end) for root in ("/hand", "/truth")]
         chambers = np.array([np.cos(CHAMBER_AZIMUTH_RAD), np.sin(CHAMBER_AZIMUTH_RAD), 0.0 * CHAMBER_AZIMUTH_RAD]).T
@@ -126,7 +127,8 @@ class Viewer:
     def _finger_shapes(self, root: str, wave: Wave, end: Wave) -> list[tuple[Any, NDArray[np.float64]]]:
         """Waves and ends of four fingers, hidden until their line is known, and where along it they lie."""
         first, last = self._end_share, 1.0 - self._end_share
-        shares = first + (last - first) * (np.arange(WAVE_COUNT) + 0.5) / WAVE_COUNT
+        waves = wave_count(self._gripper)
+        shares = first + (last - first) * (np.arange(waves) + 0.5) / waves
         shapes = []
         for name, piece, places in (("waves", wave, shares), ("ends", end, np.array([0.5 * first, 0.5 * (1 + last)]))):
             corners, count = wave_triangles(piece, ARC_POINTS, SLICES).reshape(-1, 3), FINGER_COUNT * len(places)
@@ -157,13 +159,16 @@ class Viewer:
 
     def _draw_fingers(self, which: int, message: MarkerArray) -> None:
         fingers = [marker for marker in message.markers if marker.ns == "finger" and marker.action == Marker.ADD]
-        lines = [np.array([[point.x, point.y, point.z] for point in marker.points]) for marker in fingers]
-        for handle, shares in self._shapes[which]:
+        lines = [[(point.x, point.y, point.z) for point in marker.points] for marker in fingers]
+        for handle, _ in self._shapes[which]:
             handle.visible = len(lines) == FINGER_COUNT
-            if handle.visible:
-                places = [places_along(line, shares) for line in lines]
-                handle.batched_positions = np.concatenate([position for position, _ in places])
-                handle.batched_wxyzs = np.concatenate([turn for _, turn in places])
+        if len(lines) != FINGER_COUNT:
+            return
+        shares = [shares for _, shares in self._shapes[which]]
+        ends = np.cumsum([len(each) for each in shares])[:-1]
+        placed = (np.split(each, ends, axis=1) for each in places_along(np.array(lines), np.concatenate(shares)))
+        for (handle, _), positions, turns in zip(self._shapes[which], *placed, strict=True):
+            handle.batched_positions, handle.batched_wxyzs = positions.reshape(-1, 3), turns.reshape(-1, 4)
 
     def _draw_detections(self, message: MarkerArray) -> None:
         found = [marker for marker in message.markers if marker.action == Marker.ADD]
@@ -223,7 +228,8 @@ class Viewer:
     def _take_pressures(self, message: JointState) -> None:
         self._pressure_pa = np.array(message.effort)
         now_s = time.monotonic() - self._began_s
-        self._pressures.append((now_s, self._pressure_pa, float(self._setpoint_pa.max())))
+        if not self._pressures or now_s - self._pressures[-1][0] >= SAMPLE_PERIOD_S:
+            self._pressures.append((now_s, self._pressure_pa, float(self._setpoint_pa.max())))
         while self._pressures[0][0] < now_s - PLOTTED_S:
             self._pressures.popleft()
         share = np.clip(np.nan_to_num(self._pressure_pa) / self._gripper.pressure_limit_gauge_pa, 0.0, 1.0)[:, None]

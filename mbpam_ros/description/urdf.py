@@ -22,13 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.actuator.chambers import FINGER_NAMES
-from mbpam_ros.actuator.design import MuscleGeometry
 from mbpam_ros.description.frames import Frames
-from mbpam_ros.description.wave_mesh import WAVE_COUNT, Wave
+from mbpam_ros.description.wave_mesh import Wave, wave_count
 from mbpam_ros.gripper import Gripper
-
-JOINT_COUNT = WAVE_COUNT + 1
-"""Joints of a finger in each plane."""
 
 LARGEST_BEND_RAD = math.pi
 """Limit of the bends; the measured muscle reaches 151 deg."""
@@ -83,36 +79,39 @@ def gripper_urdf(
     for i, finger in enumerate(FINGER_NAMES):
         mount = _fixed(robot, f"{finger}_mount", frames.base, frames.mounts[i], gripper.finger_base_m[i])
         _draw_end(mount, wave.crest_radius_m, gripper.rod_geometry.end_length_m + 0.5 * wave.length_m)
-        _add_finger(robot, frames.prefix, finger, gripper.rod_geometry, wave, wave_mesh)
+        _add_finger(robot, frames.prefix, finger, gripper, wave, wave_mesh)
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
 
 
 def wave_length_m(gripper: Gripper) -> float:
     """Return the distance of two joints of a chain, and length of the wave drawn between them [m]."""
-    return gripper.rod_geometry.active_length_m / JOINT_COUNT
+    return gripper.rod_geometry.active_length_m / joint_count(gripper)
 
 
-def _add_finger(
-    robot: Element, prefix: str, finger: str, rod: MuscleGeometry, wave: Wave, wave_mesh: str | None
-) -> None:
+def joint_count(gripper: Gripper) -> int:
+    """Return the joints of a finger in each plane: one more than it has waves."""
+    return wave_count(gripper) + 1
+
+
+def _add_finger(robot: Element, prefix: str, finger: str, gripper: Gripper, wave: Wave, wave_mesh: str | None) -> None:
     mount = f"{prefix}{finger}_mount"
     for component, axis, _ in _TURNS:
         name = f"{finger}_bend_{component}"
         _link(robot, f"{prefix}{name}")
         _turning(robot, name, mount, f"{prefix}{name}", axis, 0.0)
-    end_m = rod.end_length_m + 0.5 * wave.length_m
+    end_m, joints = gripper.rod_geometry.end_length_m + 0.5 * wave.length_m, joint_count(gripper)
     parent, height_m = mount, end_m
-    for number in range(1, JOINT_COUNT + 1):
-        link = f"{prefix}{finger}_" + ("end" if number == JOINT_COUNT else f"link_{number}")
+    for number in range(1, joints + 1):
+        link = f"{prefix}{finger}_" + ("end" if number == joints else f"link_{number}")
         turns = _TURNS if number % 2 else _TURNS[::-1]
         for (component, axis, sense), child in zip(turns, (f"{prefix}{finger}_half_{number}", link), strict=True):
             body = _link(robot, child)
             joint = _turning(robot, f"{finger}_joint_{number}_{component}", parent, child, axis, height_m)
-            share = f"{sense / JOINT_COUNT:.9g}"
+            share = f"{sense / joints:.9g}"
             SubElement(joint, "mimic", joint=f"{finger}_bend_{component}", multiplier=share, offset="0")
             parent, height_m = child, 0.0
-        if number == JOINT_COUNT:
+        if number == joints:
             _draw_end(body, wave.crest_radius_m, end_m)
         else:
             _draw_wave(body, wave, wave_mesh)

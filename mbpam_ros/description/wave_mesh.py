@@ -19,12 +19,6 @@ from mbpam_ros.configuration import require_positive
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.gripper import Gripper
 
-WALL_M = 0.0023
-"""Thickness c of the chambers' wall. The paper does not state its value; this is our reading."""
-
-WAVE_COUNT = 14
-"""Waves of a muscle, our reading too."""
-
 ARC_POINTS = 12
 """Of a quarter of the circle, both ends included: chords leave it by at most 0.3 % of the radius."""
 
@@ -70,12 +64,17 @@ class Wave:
     def of_gripper(cls, gripper: Gripper, length_m: float) -> Wave:
         """Return a wave of a gripper's muscles, drawn as long as ``length_m``."""
         design, crest_m = gripper.design, gripper.geometry.outer_radius_m
-        return cls(crest_m, 1e-3 * design.a_mm, 1e-3 * design.b_mm, WALL_M, length_m)
+        return cls(crest_m, 1e-3 * design.a_mm, 1e-3 * design.b_mm, gripper.wall_m, length_m)
 
     @property
     def valley_radius_m(self) -> float:
         """Outer radius in a valley [m]."""
         return self.crest_radius_m - self.amplitude_m
+
+
+def wave_count(gripper: Gripper) -> int:
+    """Return how many waves of a muscle are drawn: whole ones, where a drawing has a part of one."""
+    return max(1, round(gripper.wave_count))
 
 
 def wave_triangles(wave: Wave, arc_points: int = ARC_POINTS, slices: int = SLICES) -> NDArray[np.float64]:

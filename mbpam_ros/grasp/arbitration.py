@@ -31,7 +31,7 @@ took and, once the hand is up, from the camera (:mod:`~mbpam_ros.grasp.holding`)
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from pathlib import Path
@@ -242,6 +242,9 @@ _SEES_BELOW_PA = 10e3
 _JUDGE_EVERY_S = 0.5
 """How often the air is asked whether something is held."""
 
+PressureOf = Callable[[str, float], float]
+"""Pressure in the place of a mode's [Pa gauge], from the mode's name and the pressure that it would get."""
+
 _OPEN = _Situation(Phase.IDLE, Source.NONE, Air.REGULATE, "open")
 _GRASPING = (Phase.CLOSING, Phase.HOLDING)
 _AT_THE_VALVES = "vented at the valves: "
@@ -403,22 +406,21 @@ class Arbiter:
 
     # Requests
 
-    def request_mode(self, name: str, time_s: float) -> Answer:
-        """Operator: close in the mode ``name``."""
+    def request_mode(self, name: str, time_s: float, pressure_of: PressureOf | None = None) -> Answer:
+        """Operator: close in the mode ``name``, at the pressure of its own or the one in its place."""
         self._update(time_s)
         if name not in self._modes:
             return Answer(False, f"no mode {name!r}; modes: {', '.join(self._modes)}")
         objection = self._objection(Source.OPERATOR)
         if objection is not None:
             return Answer(False, objection)
-        return self._close(
-            _Situation(
-                Phase.CLOSING, Source.OPERATOR, Air.REGULATE, f"operator asked for {name}", name, object_label="unknown"
-            )
+        asked = _Situation(
+            Phase.CLOSING, Source.OPERATOR, Air.REGULATE, f"operator asked for {name}", name, object_label="unknown"
         )
+        return self._close(self._at_pressure(asked, pressure_of))
 
-    def request_auto(self, time_s: float) -> Answer:
-        """Camera: close in the mode that suits the object in view."""
+    def request_auto(self, time_s: float, pressure_of: PressureOf | None = None) -> Answer:
+        """Camera: close in the mode that suits the object in view, at its pressure or the one in its place."""
         self._update(time_s)
         objection = self._objection(Source.CAMERA)
         if objection is not None:
@@ -438,7 +440,7 @@ class Arbiter:
         unrest = self._sightings.unrest(choice.target)
         if unrest is not None:
             return Answer(False, f"{choice.target.label}: {unrest}")
-        return self._close(_chosen_by_camera(choice), choice.target)
+        return self._close(self._at_pressure(_chosen_by_camera(choice), pressure_of), choice.target)
 
     def release(self, time_s: float) -> Answer:
         """Operator: open. In a fault it vents what the fault has kept, and the fault stays."""
@@ -582,6 +584,19 @@ class Arbiter:
     def _judge(self) -> None:
         self._judged, self._judged_at_s = self._holding.feel(self._pressure_pa), self._time_s
 
+    def _grip_pa(self, situation: _Situation) -> float:
+        """The pressure that was chosen for the object, or that of the mode [Pa gauge]."""
+        chosen_pa = situation.grip_gauge_pa
+        own_pa: float = getattr(self._config.grip_pressure_gauge_pa, situation.mode)
+        return own_pa if chosen_pa is None else chosen_pa
+
+    def _at_pressure(self, situation: _Situation, pressure_of: PressureOf | None) -> _Situation:
+        """Return it with the pressure that is asked for, if any, within the limit."""
+        if pressure_of is None:
+            return situation
+        asked_pa = pressure_of(situation.mode, self._grip_pa(situation))
+        return replace(situation, grip_gauge_pa=min(max(asked_pa, 0.0), self._limit_pa))
+
     def _close(self, situation: _Situation, target: DetectedObject | None = None) -> Answer:
         before = self._situation
         self._enter(situation)
@@ -603,11 +618,8 @@ class Arbiter:
             self._setpoint_pa = _read_only(np.zeros(CHANNEL_COUNT))
             situation = replace(situation, grasp_pose=None)
         elif situation.phase is Phase.CLOSING:
-            grip_pa = situation.grip_gauge_pa
-            if grip_pa is None:
-                grip_pa = getattr(self._config.grip_pressure_gauge_pa, situation.mode)
-            mode = self._modes[situation.mode]
-            self._setpoint_pa = _read_only(mode.setpoints(grip_pa, situation.quarter_turns, situation.mirrored))
+            posed = situation.quarter_turns, situation.mirrored
+            self._setpoint_pa = _read_only(self._modes[situation.mode].setpoints(self._grip_pa(situation), *posed))
             self._was_settled, self._settled_changed_s = False, self._time_s
         if situation.phase is not self._situation.phase or situation.phase is Phase.CLOSING:
             self._since_s = self._time_s

@@ -14,6 +14,9 @@ from mbpam_ros.terminal import table
 _HELP = ("-h", "--help")
 _PARAMETER = ("-p", "--param")
 
+MANAGED = "managed_"
+"""Before the name of a node in the name of the module with its managed version."""
+
 CALLED = "MBPAM_CALLED"
 """Variable with what the user typed to start the executable, where that is not its name."""
 
@@ -79,7 +82,8 @@ def rules_of_node(arguments: Sequence[str], node: str) -> list[str]:
 def node_name(factory: Callable) -> str:
     """Return the name of the node that a node class of this package builds, unless it is remapped."""
     module = sys.modules[factory.__module__]
-    return Path(getattr(module, "__file__", None) or module.__name__).stem  # a module run itself is called __main__
+    stem = Path(getattr(module, "__file__", None) or module.__name__).stem  # a module run itself is called __main__
+    return stem.removeprefix(MANAGED)
 
 
 def _prefixed_rules(arguments: Sequence[str]) -> list[tuple[str, str]]:

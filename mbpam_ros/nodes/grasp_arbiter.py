@@ -30,10 +30,12 @@ from mbpam_ros.grasp.arbitration import (
 from mbpam_ros.grasp.confirmation import StopConfirmation
 from mbpam_ros.grasp.grip_pressure import Expected
 from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
+from mbpam_ros.grasp.opening import AUTO, Command, HandState, Outcome, TwoJaws, grasp_of, outcome
 from mbpam_ros.grasp.selection import DetectedObject
 from mbpam_ros.grasp.watch import HealthWatch
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.answering import Reply
+from mbpam_ros.nodes.gripper_action import GripperActions
 from mbpam_ros.nodes.heartbeat import SILENCE_S, Instance, places
 from mbpam_ros.nodes.markers import SHAPES, hidden_lengths
 from mbpam_ros.nodes.messages import MessageError, findings_in, joint_state, named_values, pose, pose_arrays, seconds
@@ -60,6 +62,7 @@ PARAMETERS = (
         "grasp/auto and the modes answer once the grasp holds, or has failed; else once it has begun",
         changeable=True,
     ),
+    Parameter("action_mode", AUTO, "mode of gripper actions' goals; auto: the camera chooses", changeable=True),
     Parameter("pressure_sensor_node", "pressure_sensor", "name of the node that senses the pressures"),
     Parameter("valve_controller_node", "valve_controller", "name of the node that moves the valves"),
     Parameter("object_detector_node", "object_detector", "name of the node that sees the objects"),
@@ -137,6 +140,10 @@ class GraspArbiterNode(GripperNode):
         self.watch_node(self.text("object_detector_node"), self._on_detectors)
         self._calls = self.create_timer(CALL_LOOK_S, self._look_at_calls, clock=self._steady_clock)
         self._calls.cancel()
+        self._jaws: TwoJaws | None = None
+        self._actions = GripperActions(self, self)
+        if self._actions.active:
+            self._jaws = TwoJaws(self._arbiter, gripper, modes)
         self.create_timer(1.0 / self.number("tick_rate_hz"), self._tick)
         # A valve controller started anew has missed the last change.
         self.create_timer(SETPOINT_REPEAT_S, self._publish_setpoints)
@@ -154,11 +161,15 @@ class GraspArbiterNode(GripperNode):
 
     def _on_auto(self, time_s: float) -> Answer:
         """Let the camera choose; what the parameters tell of the object decides how hard it is gripped."""
+        return self._objection_to_expected() or self._arbiter.request_auto(time_s)
+
+    def _objection_to_expected(self) -> Answer | None:
+        """Have the arbiter expect the object that the parameters tell of; return why there can be none, or None."""
         try:
             self._arbiter.expect(self._expected())
         except ValueError as error:
             return Answer(False, str(error))
-        return self._arbiter.request_auto(time_s)
+        return None
 
     def _expected(self) -> Expected:
         mass_kg, name = self.number("object_mass_kg") or None, self.text("object_mass_class")
@@ -228,6 +239,34 @@ class GraspArbiterNode(GripperNode):
             self.get_logger().warning(f"{name} refused: {answer.reason}")
         self._tick()
         return answer
+
+    # The hand of the gripper actions
+
+    def begin_command(self, opening_m: float, force_n: float) -> tuple[Answer, Command]:
+        """Open or close as a gripper with two jaws is told to."""
+        assert self._jaws is not None
+        mode = self.text("action_mode")
+        opens = self._jaws.opens(mode, opening_m)
+        answer = self._objection_to_expected() if mode == AUTO and not opens else None
+        if answer is None:
+            answer = self._jaws.request(self.now_s(), mode, opening_m, force_n)
+        answer = self._said("gripper goal", answer)
+        assert self._decision is not None
+        return answer, Command(opens, grasp_of(self._decision))
+
+    def outcome_of(self, command: Command) -> Outcome:
+        """Return how far a command has come, by the last decision."""
+        assert self._decision is not None
+        return outcome(command, self._decision)
+
+    def let_go(self) -> None:
+        """Open: the command is cancelled."""
+        self._said("gripper goal cancelled", self._arbiter.release(self.now_s()))
+
+    def hand_state(self) -> HandState:
+        """Return opening and force at the pressures of now."""
+        assert self._jaws is not None and self._decision is not None
+        return self._jaws.state(self._decision.mode or self.text("action_mode"))
 
     # Requests that another node has to confirm
 
@@ -321,13 +360,18 @@ class GraspArbiterNode(GripperNode):
         if (late_s := self.late_s()) > 0.0:
             self._arbiter.observe_lateness(now_s, late_s)
         self._decision = self._arbiter.tick(now_s)
-        if not self._decision.changed:
+        self._publish_decision(self._decision)
+        self._actions.look()
+
+    def _publish_decision(self, decision: Decision) -> None:
+        """Publish it, if it changed."""
+        if not decision.changed:
             return
         stamp = self.now_stamp()
         self._publish_setpoints()
-        self._publish_state(self._decision)
-        if self._decision.grasp_pose is not None:
-            target = self._decision.grasp_pose
+        self._publish_state(decision)
+        if decision.grasp_pose is not None:
+            target = decision.grasp_pose
             wrist = PoseStamped(pose=pose(target.position_m, target.orientation_xyzw))
             wrist.header.stamp, wrist.header.frame_id = stamp, self._frame
             self._pose.publish(wrist)

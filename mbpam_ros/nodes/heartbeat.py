@@ -88,11 +88,9 @@ class SignsOfLife:
     def __init__(self) -> None:
         self._silence_s: dict[Instance, float] = {}
         self._looked_s: float | None = None
-        self.heard = False
 
     def hear(self, instance: Instance) -> None:
         """Take a sign."""
-        self.heard = True
         self._silence_s[instance] = 0.0
 
     def look(self, now_s: float, held_up_s: float = 0.0) -> tuple[Instance, ...]:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -30,6 +31,7 @@ from mbpam_ros.nodes.markers import colour, delete_all, mark_hidden_lengths, sol
 from mbpam_ros.nodes.messages import MessageError, image_pixels, seconds
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.transforms import FRAME_PREFIX
+from mbpam_ros.nodes.vision_detections import DetectionBroadcaster
 from mbpam_ros.vision.background import BackgroundError
 from mbpam_ros.vision.camera import CameraData, CameraError, Intrinsics, camera_pose, load_camera_config
 from mbpam_ros.vision.depth import DepthError, DepthImage, depth_in_metres
@@ -93,6 +95,7 @@ class ObjectDetectorNode(GripperNode):
         self._work: tuple[Future[Sighting], Image, NDArray[np.uint8], tuple[object, ...]] | None = None
 
         self._detections = self.create_publisher(MarkerArray, "detections", STREAM)
+        self._of_others = DetectionBroadcaster(self)
         self._overlay = self.create_publisher(CompressedImage, "detections/image", STREAM)
         self._listen_to_camera(CameraInfo, "camera/camera_info", self._on_camera_info)
         self._listen_to_camera(Image, "camera/image_raw", self._on_image)
@@ -235,6 +238,8 @@ class ObjectDetectorNode(GripperNode):
 
     def _publish(self, message: Image, image: NDArray[np.uint8]) -> None:
         self._publish_detections(message)
+        header = Header(stamp=message.header.stamp, frame_id=self._frame)
+        self._of_others.send(header, self._seen.detections if self._seen else ())
         if self._overlay.get_subscription_count() > 0:
             self._publish_overlay(message, image)
 

@@ -11,13 +11,28 @@ import sys
 from collections.abc import Iterable
 from xml.sax.saxutils import quoteattr
 
+from mbpam_ros.nodes.gripper_action import ACTIONS
 from mbpam_ros.nodes.interface import NODES, SERVICES, TOPICS
+from mbpam_ros.nodes.vision_detections import TOPIC as DETECTIONS
 
 OPERATOR = "operator"
 
 TELLING_FRAMES = ("plant", "state_estimator")
 """Who says where frames are, where tf2_msgs is installed."""
 
+WHERE_INSTALLED = {"object_detector": (DETECTIONS,)}
+"""What is published where vision_msgs is installed."""
+
+MANAGED = ("valve_controller",)
+"""What has a version that a supervisor manages."""
+
+_LIFECYCLE_SERVICES = (
+    "change_state",
+    "get_available_states",
+    "get_available_transitions",
+    "get_state",
+    "get_transition_graph",
+)
 _PARAMETER_SERVICES = (
     "describe_parameters",
     "get_parameter_types",
@@ -55,13 +70,19 @@ def _rules(name: str, node: str) -> list[str]:
     tells = ["/rosout", "/parameter_events"] + ([] if operator else ["/diagnostics"])
     tells += ["/clock"] if node == "plant" else []
     tells += ["/tf", "/tf_static"] if node in TELLING_FRAMES else []
-    serves = [f"~/{service}" for service in _PARAMETER_SERVICES] + [each.name for each in SERVICES if each.node == node]
+    tells += [*WHERE_INSTALLED.get(node, ()), *(["~/transition_event"] if node in MANAGED else [])]
+    own = [*_PARAMETER_SERVICES, *(_LIFECYCLE_SERVICES if node in MANAGED else ())]
+    serves = [f"~/{service}" for service in own] + [each.name for each in SERVICES if each.node == node]
     calls = [each.name for each in SERVICES if operator or node in each.callers]
+    if operator:
+        calls += [f"{each}/{service}" for each in MANAGED for service in _LIFECYCLE_SERVICES]
+    moves = ACTIONS if operator or node == "grasp_arbiter" else ()
     return [
         *_rule("topics", "publish", "topic", tells + publishes),
         *_rule("topics", "subscribe", "topic", ["/clock", "/parameter_events", *of_all, *hears]),
         *_rule("services", "reply", "service", serves),
         *_rule("services", "request", "service", calls),
+        *_rule("actions", "call" if operator else "execute", "action", moves),
     ]
 
 

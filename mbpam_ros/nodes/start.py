@@ -22,6 +22,7 @@ EXECUTABLES = (
     "object_detector",
     "grasp_arbiter",
     "bringup",
+    "managed_valve_controller",
 )
 
 
@@ -41,6 +42,13 @@ def start(executable: str) -> int:
     return code
 
 
-plant, pressure_sensor, valve_controller, state_estimator, object_detector, grasp_arbiter, bringup = (
-    partial(start, executable) for executable in EXECUTABLES
-)
+(
+    plant,
+    pressure_sensor,
+    valve_controller,
+    state_estimator,
+    object_detector,
+    grasp_arbiter,
+    bringup,
+    managed_valve_controller,
+) = (partial(start, executable) for executable in EXECUTABLES)

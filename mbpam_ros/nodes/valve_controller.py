@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
+from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM, Health, NodeOptions, run  # isort: skip
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -17,6 +17,7 @@ from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import ConfigError
 from mbpam_ros.grasp.responses import goes_on
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.nodes.air_node import INACTIVE, AirNode
 from mbpam_ros.nodes.heartbeat import Instance, places
 from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds
 from mbpam_ros.nodes.parameters import Parameter
@@ -47,11 +48,18 @@ SOLE_PUBLISHER_TOPICS = ("transducers", "chamber_states", "pressure_setpoints", 
 PUBLISHERS_LOOK_S = 0.25
 
 
-class ValveControllerNode(GripperNode):
+class ValveControllerNode(AirNode):
     """Adapter around :class:`GuardedValves`."""
 
     def __init__(self, **node_options: Unpack[NodeOptions]) -> None:
         super().__init__("valve_controller", PARAMETERS, **node_options)
+
+    def configure(self) -> None:
+        """Read the files and open topics and services.
+
+        Raises:
+            ConfigError: wrong keys or values.
+        """
         gripper = load_gripper(self.text("gripper"))
         config = load_pneumatics(self.text("pneumatics"))
         limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
@@ -101,6 +109,19 @@ class ValveControllerNode(GripperNode):
         if not self._switch.switched_on:
             return Health(DiagnosticStatus.WARN, "air is off; call valve_controller/enable", values)
         return Health(message="16 loops running", values=values)
+
+    def let_air_flow(self, on: bool) -> Answer:
+        """Switch the air on, if nothing speaks against it, or off, and then refuse whoever would switch it on."""
+        self._switch.unbar()
+        answer = self._switch.switch(on)
+        if not (on and answer.accepted):
+            self._switch.bar(INACTIVE)
+        return self._change(answer)
+
+    def objection_to_cleanup(self) -> str | None:
+        """A vent is latched until it is cleared, and would be forgotten."""
+        reason = self._switch.vent_reason
+        return f"all is vented ({reason}); call grasp/reset first" if reason else None
 
     def leave(self) -> None:
         """Close the valves (or vent, where all vents): nobody will move them afterwards."""

@@ -20,6 +20,9 @@ the arbiter has fallen silent         vented, latched         goes on         re
 two of one name, or two who command   vented, latched         valves closed   refused
 ===================================== ======================= =============== ===================
 
+A managed node bars the switch while it is inactive (:meth:`AirSwitch.bar`): the air is off then, as by the operator,
+and nobody switches it on.
+
 Over-pressure vents its chamber whatever is said here (:class:`~mbpam_ros.pneumatics.controller.PressureController`).
 """
 
@@ -60,6 +63,7 @@ class AirSwitch:
         self._has_setpoints = False
         self._vent_reason = ""
         self._arbiter_lost = False
+        self._barred = ""
         self._contested: dict[str, str] = {}
 
     @property
@@ -156,12 +160,21 @@ class AirSwitch:
             return Answer(False, f"all is vented ({self._vent_reason}); call grasp/reset first")
         if on and self._air is not Air.REGULATE:
             return Answer(False, f"the arbiter says {self._air.value}; call grasp/reset first")
-        if on and self.objection is not None:
-            return Answer(False, f"nothing new is opened: {self.objection}")
+        if on and (self._barred or self.objection is not None):
+            return Answer(False, f"nothing new is opened: {self._barred or self.objection}")
         self._switched_on = on
         self._apply()
         valves = "valves vent until grasp/reset" if self.air is Air.VENT else "valves closed"
         return Answer(True, "air on" if on else f"air off, {valves}")
+
+    def bar(self, reason: str) -> None:
+        """Switch the air off, and refuse to switch it on for this reason until :meth:`unbar`."""
+        self._barred = reason
+        self.switch(False)
+
+    def unbar(self) -> None:
+        """Leave it to the operator again; the air stays off until somebody switches it on."""
+        self._barred = ""
 
     def _apply(self) -> None:
         if self.air is Air.VENT:

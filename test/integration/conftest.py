@@ -26,6 +26,8 @@ import mbpam_ros.nodes.environment  # noqa: F401  isort: skip
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -133,6 +135,11 @@ class Graph:
         future = client.call_async(request if request is not None else service_type.Request())
         self.spin_until(future.done, f"answer of {name}")
         return future.result()
+
+    def change(self, node: Node, label: str) -> tuple[bool, str]:
+        """Ask a managed node for a transition, as ``ros2 lifecycle set`` does; return if it was made, and its state."""
+        request = ChangeState.Request(transition=Transition(label=label))
+        return self.call(ChangeState, f"{node.get_name()}/change_state", request).success, node.state
 
     def set_time(self, time_s: float) -> None:
         """Set the clock of the nodes that were added with ``use_sim_time=True``."""

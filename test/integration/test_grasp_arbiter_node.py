@@ -2,17 +2,21 @@
 
 import math
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
+from rclpy.action import GoalResponse
+from rclpy.executors import await_or_execute
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_NAMES
+from mbpam_ros.nodes import gripper_action
 from mbpam_ros.nodes.grasp_arbiter import GraspArbiterNode
 from mbpam_ros.nodes.messages import joint_state, time_stamp
 from mbpam_ros.nodes.runtime import LATCHED
@@ -589,3 +593,109 @@ def test_a_node_that_falls_silent_is_a_fault_and_one_that_runs_twice_too(grasp, 
     grasp.graph.spin_until(lambda: "process" not in obstacle(), "one of them gone")
     runs.clear()
     grasp.graph.spin_until(lambda: f"{node}: no sign of life" in obstacle(), "the silence")
+
+
+class StandInForActions:
+    """Types of control_msgs, which no wheel holds, and the server of rclpy, which serves none without C code of theirs.
+
+    It calls back as rclpy's does: the goal is asked about, then executed as a task of the executor.
+    """
+
+    servers: dict[str, "StandInForActions"] = {}
+
+    def __init__(self, node, kind, name, execute, *, goal_callback, cancel_callback):
+        self.node, self.kind, self.execute, self.ask = node, kind, execute, goal_callback
+        self.servers[name] = self
+
+    def send(self, goal):
+        """Return the handle of a goal that was accepted, None for one that was rejected."""
+        if self.ask(goal) is not GoalResponse.ACCEPT:
+            return None
+        handle = SimpleNamespace(status="executing", feedback=[], is_cancel_requested=False)
+        handle.publish_feedback = handle.feedback.append
+        for name in ("succeed", "abort", "canceled"):
+            setattr(handle, name, partial(setattr, handle, "status", name))
+        handle.task = self.node.executor.create_task(await_or_execute, self.execute, handle)
+        return handle
+
+    @classmethod
+    def install(cls, monkeypatch):
+        cls.servers = {}
+        numbers = lambda: SimpleNamespace(position=0.0, effort=0.0, stalled=False, reached_goal=False)  # noqa: E731
+        state = lambda **more: SimpleNamespace(state=None, **more)  # noqa: E731
+        kinds = {
+            "GripperCommand": SimpleNamespace(Feedback=numbers, Result=numbers),
+            "ParallelGripperCommand": SimpleNamespace(
+                Feedback=state, Result=partial(state, stalled=False, reached_goal=False)
+            ),
+        }
+        monkeypatch.setattr(gripper_action, "action_type", kinds.get)
+        monkeypatch.setattr(gripper_action, "ActionServer", cls)
+
+    @staticmethod
+    def two_numbers(position, max_effort=0.0):
+        return SimpleNamespace(command=SimpleNamespace(position=position, max_effort=max_effort))
+
+
+def test_a_gripper_command_closes_holds_opens_and_ends_as_other_grippers_do(graph, monkeypatch):
+    StandInForActions.install(monkeypatch)
+    grasp = Grasp(graph, action_mode="envelope")
+    server, goal = StandInForActions.servers["grasp/gripper_cmd"], StandInForActions.two_numbers
+    assert server.send(goal(0.0)) is None  # nothing is known of sensor and valves
+    grasp.tick_until(lambda: grasp.phase == "idle", "the first state")
+    grasp.report_both_well()
+
+    closing = server.send(goal(0.0, 0.2))
+    grasp.tick_until(lambda: closing.feedback, "feedback")
+    assert grasp.phase == "closing" and 0.0 < grasp.setpoint_pa.max() < GRIP_PA["envelope"]
+    grasp.tick_until(closing.task.done, "the result")
+    result = closing.task.result()
+    assert closing.status == "succeed" and result.reached_goal and not result.stalled
+    assert (result.position, result.effort) == (0.0, pytest.approx(0.2, abs=1e-3))
+    assert server.send(goal(math.nan)) is None and server.send(goal(0.0, -1.0)) is None
+    assert server.send(goal(0.02)) is None  # it holds something
+
+    opening = server.send(goal(0.08))
+    grasp.tick_until(opening.task.done, "open")
+    assert opening.status == "succeed" and opening.task.result().position == pytest.approx(0.08)
+
+    grasp.follows = False  # the air is slow
+    cancelled = server.send(goal(0.0))
+    grasp.tick_until(lambda: cancelled.feedback, "feedback")
+    cancelled.is_cancel_requested = True
+    grasp.tick_until(cancelled.task.done, "the end")
+    assert cancelled.status == "canceled" and not grasp.setpoint_pa.any()
+    grasp.tick_until(lambda: grasp.phase == "idle", "open")
+
+    replaced = server.send(goal(0.0))
+    grasp.tick_until(lambda: replaced.feedback, "feedback")
+    following = server.send(goal(0.08))
+    grasp.tick_until(lambda: replaced.task.done() and following.task.done(), "both ends")
+    assert (replaced.status, following.status) == ("abort", "succeed")
+
+    stopped = server.send(goal(0.0))
+    grasp.call("stop")
+    grasp.tick_until(stopped.task.done, "the end")
+    assert stopped.status == "abort" and not stopped.task.result().reached_goal
+
+
+def test_a_parallel_gripper_command_is_a_joint_state_and_the_camera_chooses_the_mode(graph, monkeypatch):
+    StandInForActions.install(monkeypatch)
+    grasp = Grasp(graph)
+    grasp.tick_until(lambda: grasp.phase == "idle", "the first state")
+    grasp.report_both_well()
+    server = StandInForActions.servers["grasp/parallel_gripper_cmd"]
+    goal = lambda *position: SimpleNamespace(command=JointState(position=position))  # noqa: E731
+    assert server.send(goal()) is None and server.send(goal(0.0)) is None  # no position; no detection yet
+    grasp.see(marker())
+    grasp.tick_until(lambda: grasp.node._arbiter._sightings.newest, "a detection")
+    closing = server.send(goal(0.0))
+    grasp.tick_until(closing.task.done, "the result")
+    result = closing.task.result()
+    assert closing.status == "succeed" and result.reached_goal and list(result.state.name) == ["tip_opening"]
+    assert (grasp.state["mode"], grasp.state["source"]) == ("envelope", "camera")
+    assert list(closing.feedback[0].state.position)[0] <= 0.08
+
+
+def test_without_types_of_actions_there_is_no_server(grasp):
+    assert gripper_action.action_type("GripperCommand") is not None or not grasp.node._actions.active

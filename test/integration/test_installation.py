@@ -20,8 +20,9 @@ from mbpam_ros.commands.system import Operator  # isort: skip
 pytestmark = pytest.mark.xdist_group("installation")  # its workspace is built once
 
 SOURCE = Path(__file__).parents[2]
-FOR_ROS2_RUN = {*NODES, "bringup", "demo"}
-ON_THE_PATH = {"mbpam", *(f"mbpam_{node}" for node in (*NODES, "bringup"))}
+NODE_EXECUTABLES = {*NODES, "bringup", "managed_valve_controller"}
+FOR_ROS2_RUN = {*NODE_EXECUTABLES, "demo"}
+ON_THE_PATH = {"mbpam", *(f"mbpam_{node}" for node in NODE_EXECUTABLES)}
 START_S = 60.0
 STOP_S = 10.0
 COMMAND_S = 90.0

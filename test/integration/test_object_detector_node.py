@@ -4,11 +4,13 @@ import array
 import functools
 import math
 import threading
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
@@ -16,6 +18,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.nodes import vision_detections
 from mbpam_ros.nodes.messages import time_stamp
 from mbpam_ros.nodes.object_detector import ObjectDetectorNode
 from mbpam_ros.plant.scene import load_scene
@@ -444,3 +447,29 @@ def test_the_executor_goes_on_while_an_image_is_looked_at(graph):
     go_on.set()
     graph.spin_until(lambda: detections, "detections")
     assert len(detections[0].markers) == 2
+
+
+def test_where_vision_msgs_is_installed_each_detection_goes_out_as_a_box_with_a_hypothesis_too(graph, monkeypatch):
+    """Against stand-ins of the types, which no wheel holds; the names of their fields are those of vision_msgs 4."""
+    record, sent, real = SimpleNamespace, [], Node.create_publisher
+    types = record(
+        Detection3DArray=record,
+        Detection3D=lambda: record(bbox=record()),
+        ObjectHypothesisWithPose=lambda: record(hypothesis=record(), pose=record()),
+    )
+
+    def create(node, message_type, topic, qos, **options):
+        if message_type is not types.Detection3DArray:
+            return real(node, message_type, topic, qos, **options)
+        return record(publish=lambda message: sent.append((topic, message)))
+
+    monkeypatch.setattr(vision_detections, "vision_messages", lambda: types)
+    monkeypatch.setattr(Node, "create_publisher", create)
+    camera = Camera(graph, frame_prefix="right/")
+    (marker,) = camera.show(image(photograph("bulb")))
+    ((topic, message),) = sent
+    (found,) = message.detections
+    (result,) = found.results
+    assert topic == "detections/vision" and message.header == found.header == marker.header
+    assert found.bbox.center == result.pose.pose == marker.pose and found.bbox.size == marker.scale
+    assert (result.hypothesis.class_id, result.hypothesis.score) == (marker.text, pytest.approx(marker.color.a))

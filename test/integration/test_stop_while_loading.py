@@ -59,7 +59,7 @@ def test_a_verb_that_is_being_loaded_ends_with_130_and_one_line(verb, seed):
 
 
 def test_every_node_has_an_executable():
-    assert EXECUTABLES == (*NODES, "bringup")
+    assert EXECUTABLES == (*NODES, "bringup", "managed_valve_controller")
 
 
 @pytest.mark.parametrize("given", [[], ["plan"]])

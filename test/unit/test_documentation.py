@@ -9,6 +9,7 @@ import pytest
 
 from mbpam_ros.commands.mbpam import VERBS
 from mbpam_ros.nodes.interface import NODES, SERVICES, TOPICS
+from mbpam_ros.nodes.start import EXECUTABLES
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
@@ -63,7 +64,7 @@ def check_mbpam(words: list[str]) -> None:
 
 
 def check_node(name: str, words: list[str]) -> None:
-    assert name in (*NODES, "bringup", "demo", "NODE"), name
+    assert name in (*EXECUTABLES, "demo", "NODE"), name
     if name in ("demo", "NODE"):
         return
     given = [after for word, after in zip(words, words[1:], strict=False) if word == "-p"]

@@ -9,8 +9,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 ROS_PACKAGES = set(
-    "builtin_interfaces diagnostic_msgs domain_coordinator geometry_msgs rcl_interfaces rclpy rosgraph_msgs "
-    "sensor_msgs std_msgs std_srvs tf2_msgs visualization_msgs".split()
+    "builtin_interfaces control_msgs diagnostic_msgs domain_coordinator geometry_msgs rcl_interfaces rclpy "
+    "rosgraph_msgs sensor_msgs std_msgs std_srvs tf2_msgs vision_msgs visualization_msgs".split()
 )
 """Those in use that the distributions Jazzy and Kilted hold (ros/rosdistro, 8468e88 of 22 August 2026)."""
 

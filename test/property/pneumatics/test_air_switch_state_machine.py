@@ -21,7 +21,7 @@ class AirMachine(RuleBasedStateMachine):
         self.switch = AirSwitch(self.controller, switched_on)
         self.may_fill = switched_on
         self.told, self.has_setpoints, self.time_s = Air.REGULATE, False, 0.0
-        self.latched = self.contested = self.lost = self.closing = False
+        self.latched = self.contested = self.lost = self.closing = self.barred = False
         self.pressure_pa = np.zeros(16)
 
     @rule(pressure_pa=st.lists(st.floats(-1e4, 1.5 * OVER_PA) | st.just(float("nan")), min_size=16, max_size=16))
@@ -69,11 +69,16 @@ class AirMachine(RuleBasedStateMachine):
         if contested and self.closing:
             self.latched, self.closing = True, False
 
+    @rule(barred=st.booleans())
+    def bar(self, barred):
+        self.switch.bar("inactive") if barred else self.switch.unbar()
+        self.barred, self.may_fill = barred, self.may_fill and not barred
+
     @rule(on=st.booleans())
     def turn(self, on):
         accepted = self.switch.switch(on).accepted
         assert accepted or on
-        assert not (on and accepted and (self.lost or self.contested or self.latched))
+        assert not (on and accepted and (self.lost or self.contested or self.latched or self.barred))
         if accepted:
             self.may_fill = on
 

@@ -18,14 +18,14 @@ from mbpam_ros.actuator.chambers import CHANNEL_NAMES
 from mbpam_ros.actuator.kinematics import centreline, tip_pose
 from mbpam_ros.commands.viewer import Viewer
 from mbpam_ros.description.centreline import places_along
-from mbpam_ros.description.wave_mesh import WAVE_COUNT
+from mbpam_ros.description.wave_mesh import wave_count
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes.interface import SERVICES
 from mbpam_ros.nodes.markers import colour, finger_markers, solid_marker
 from mbpam_ros.nodes.messages import joint_state
 
 GRIPPER = load_gripper()
-ROD = GRIPPER.rod_geometry
+ROD, WAVES = GRIPPER.rod_geometry, wave_count(GRIPPER)
 
 
 def line_of(bend):
@@ -77,8 +77,8 @@ def test_fingers_bend_the_hand_rises_and_solids_are_where_they_are_said_to_be(mo
     straight_m = waves.batched_positions.copy()
     page.show("finger_markers", MarkerArray(markers=markers_of((1.5, 0.0))))
     bent_m = waves.batched_positions
-    assert waves.visible and bent_m.shape == (4 * WAVE_COUNT, 3)
-    assert (bent_m[WAVE_COUNT - 1] - straight_m[WAVE_COUNT - 1])[0] > 0.03  # toward +x, as bend_x says
+    assert waves.visible and bent_m.shape == (4 * WAVES, 3)
+    assert (bent_m[WAVES - 1] - straight_m[WAVES - 1])[0] > 0.03  # toward +x, as bend_x says
     upright, found = (0.0, 0.0, 0.0, 1.0), colour((1, 1, 1), 0.9)
     palm = solid_marker(Time(), "world", "palm", 0, "box", (0.1, 0.1, 0.01), (0.0, 0.0, 0.105), upright, found)
     ball = solid_marker(Time(), "world", "object", 0, "sphere", (0.06,) * 3, (0.01, 0.0, -0.085), upright, found)

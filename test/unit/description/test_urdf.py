@@ -1,24 +1,29 @@
 """The URDF: a chain that follows the arc of its bend, read by another parser; the mesh of a wave; the frames."""
 
 import math
+import shutil
 from collections import Counter
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import yaml
 from scipy.spatial.transform import Rotation
 
 from mbpam_ros.actuator.chambers import BEND_NAMES
+from mbpam_ros.actuator.drawing import load_drawing
 from mbpam_ros.actuator.kinematics import tip_pose
 from mbpam_ros.commands.mbpam import main
+from mbpam_ros.configuration import config_directory, load_yaml
 from mbpam_ros.description.frames import Frames, orientation_of, turned_up, up
-from mbpam_ros.description.urdf import JOINT_COUNT, gripper_urdf
+from mbpam_ros.description.urdf import gripper_urdf, joint_count
 from mbpam_ros.description.wave_mesh import Wave, WaveError, wave_triangles
 from mbpam_ros.geometry.stl import binary_stl
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.vision.camera import camera_pose, load_camera_config
 
 GRIPPER = load_gripper()
+JOINTS = joint_count(GRIPPER)
 CAMERA = camera_pose(load_camera_config())
 WAVE = Wave(0.010, 0.0025, 0.002, 0.0023, 0.007)
 
@@ -52,13 +57,13 @@ def test_a_chain_ends_where_the_arc_of_its_bend_does(bend):
     positions = dict.fromkeys(BEND_NAMES, 0.0) | {"finger_2_bend_x": bend[0], "finger_2_bend_y": bend[1]}
     rotation, place = pose_of(robot, "finger_2_end", positions)
     rod = GRIPPER.rod_geometry
-    end_m = rod.end_length_m + 0.5 * rod.active_length_m / JOINT_COUNT
+    end_m = rod.end_length_m + 0.5 * rod.active_length_m / JOINTS
     tip_m, orientation = tip_pose(bend, rod)
     angle = math.hypot(*bend)
     off_m = place + rotation.apply([0.0, 0.0, end_m]) - GRIPPER.finger_base_m[1] - tip_m
     # Of the straight pieces, and of the order of the two turns, each to second order in a piece's bend.
-    assert np.linalg.norm(off_m) <= rod.active_length_m * (angle / JOINT_COUNT) ** 2 / 8.0 + 1e-9
-    assert (rotation.inv() * Rotation.from_quat(orientation)).magnitude() <= 0.3 * (angle / JOINT_COUNT) ** 2 + 1e-7
+    assert np.linalg.norm(off_m) <= rod.active_length_m * (angle / JOINTS) ** 2 / 8.0 + 1e-9
+    assert (rotation.inv() * Rotation.from_quat(orientation)).magnitude() <= 0.3 * (angle / JOINTS) ** 2 + 1e-7
 
 
 def test_another_parser_reads_it_and_finds_the_joints_of_joint_states():
@@ -113,3 +118,19 @@ def test_the_verb_writes_urdf_and_mesh_that_belong_together(tmp_path, capsys):
     assert main(["urdf", "--out", str(tmp_path / "g.urdf"), "--meshes", str(tmp_path / "meshes")]) == 0
     (address,) = {mesh.get("filename") for mesh in ElementTree.parse(tmp_path / "g.urdf").iter("mesh")}
     assert address == (tmp_path / "meshes" / "wave.stl").as_uri() and (tmp_path / "meshes" / "wave.stl").exists()
+
+
+def test_the_muscle_of_the_drawing_is_drawn(tmp_path, monkeypatch):
+    """With its wall and its waves; one that its gripper file draws itself has the paper's."""
+    shutil.copytree(config_directory(), tmp_path / "config")
+    monkeypatch.setenv("MBPAM_CONFIG_DIR", str(tmp_path / "config"))
+    drawing = load_yaml("muscles/paper.yaml") | {"c_mm": 1.7, "wave_count": 9.0}
+    (tmp_path / "config" / "muscles" / "thin.yaml").write_text(yaml.safe_dump(drawing))
+    content = {name: value for name, value in load_yaml("gripper.yaml").items() if name not in ("design", "geometry")}
+    (tmp_path / "config" / "thin.yaml").write_text(yaml.safe_dump(content | {"muscle": "thin", "target": "fe"}))
+    thin = load_gripper("thin.yaml")
+    robot = ElementTree.fromstring(gripper_urdf(thin, CAMERA.rotation, CAMERA.position_m))
+    turning = [joint for joint in robot.iter("joint") if joint.find("mimic") is not None]
+    assert len(turning) == 4 * 2 * 10 and joint_count(GRIPPER) == 15
+    assert Wave.of_gripper(thin, 0.01).wall_m == pytest.approx(0.0017)
+    assert Wave.of_gripper(GRIPPER, 0.007).wall_m == pytest.approx(1e-3 * load_drawing("paper").c_mm)

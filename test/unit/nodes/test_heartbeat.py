@@ -17,8 +17,7 @@ def alive_after(signs, seconds, start_s, look_s=LIFE_LOOK_S):
 
 
 def test_nobody_is_there_before_the_first_sign():
-    signs = SignsOfLife()
-    assert signs.look(5.0) == () and not signs.heard
+    assert SignsOfLife().look(5.0) == ()
 
 
 def test_a_node_is_gone_when_it_has_been_silent_and_not_before():

@@ -35,7 +35,16 @@ def test_only_the_valve_controller_commands_valves_and_an_operator_publishes_not
     may = [node for node in (*NODES, "operator") if "valve_commands" in rules(node, "topics", "publish")]
     assert may == ["valve_controller"]
     assert rules("operator", "topics", "publish") == {"/rosout", "/parameter_events"}
-    assert {service.name for service in SERVICES} == rules("operator", "services", "request")
+    managing = {"valve_controller/change_state", "valve_controller/get_state"}
+    asked = rules("operator", "services", "request")
+    assert asked >= managing and {name for name in asked if "state" not in name and "transition" not in name} == {
+        service.name for service in SERVICES
+    }
+
+
+def test_the_arbiter_alone_executes_gripper_actions_and_an_operator_sends_goals():
+    assert [node for node in (*NODES, "operator") if rules(node, "actions", "execute")] == ["grasp_arbiter"]
+    assert rules("grasp_arbiter", "actions", "execute") == rules("operator", "actions", "call") != set()
 
 
 def test_a_gripper_in_a_namespace_has_its_profiles_there():
