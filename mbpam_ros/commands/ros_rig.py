@@ -25,6 +25,7 @@ from mbpam_ros.nodes.plant_rig import MOUNT
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
 from mbpam_ros.study.rig.procedure import FORCE, Mount, Reading, RigError
 from mbpam_ros.vision.camera import Camera, CameraData, CameraError, camera_pose, load_camera_config
+from mbpam_ros.vision.side_markers import MarkerError, bend_between_markers
 from mbpam_ros.vision.side_view import MuscleSize, SilhouetteError, bend_in_picture
 
 SILENCE_S = 2.0
@@ -41,6 +42,7 @@ class RosRig:
         gripper: whose muscle is mounted, as finger 1.
         camera: file of where the camera at the side stands.
         tip_round_mm: by how much a round tip stands out; none: a flat one, the simulated one's being round.
+        marker_rgb: colour, 0 to 1, of two strips to read the bend from; None: of the silhouette.
         namespace: of the nodes.
         domain_id: ROS domain; none: of the environment.
         idle: called while one waits for messages.
@@ -54,12 +56,13 @@ class RosRig:
         gripper: Gripper,
         camera: str,
         tip_round_mm: float | None = None,
+        marker_rgb: tuple[float, float, float] | None = None,
         namespace: str = "",
         domain_id: int | None = None,
         idle: Callable[[], None] = lambda: None,
     ) -> None:
         self._pose = camera_pose(load_camera_config(camera))
-        self._gripper, self._tip_round_mm = gripper, tip_round_mm
+        self._gripper, self._tip_round_mm, self._marker_rgb = gripper, tip_round_mm, marker_rgb
         self._heard: dict[str, tuple[float, Any]] = {}
         self._read = dict.fromkeys(("chamber_states", "camera/image_raw", "scale/wrench"), -math.inf)
         self._operator = Operator("characterise", namespace, idle, domain_id)
@@ -175,7 +178,9 @@ class RosRig:
             pixels = image_pixels(image)
             if np.any(lens):
                 pixels = np.asarray(cv2.undistort(pixels, intrinsics.matrix, lens), dtype=np.uint8)
+            if self._marker_rgb is not None:
+                return bend_between_markers(pixels, Camera(intrinsics, self._pose), self._marker_rgb).bend_rad
             size = MuscleSize(geometry.outer_radius_m, end_m, geometry.length_m, round_m)
             return bend_in_picture(pixels, Camera(intrinsics, self._pose), size).bend_rad
-        except (CameraError, MessageError, SilhouetteError) as error:
+        except (CameraError, MarkerError, MessageError, SilhouetteError) as error:
             raise RigError(f"camera/image_raw: {error}") from error
