@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from types import TracebackType
@@ -31,8 +32,15 @@ from mbpam_ros.vision.side_view import MuscleSize, SilhouetteError, bend_in_pict
 SILENCE_S = 2.0
 """Whoever has sent nothing new for so long is lost."""
 
+APART_S = 1.0
+"""What belongs to a picture was measured no further from it in time."""
+
 FIRST_S = 20.0
 """What has not been heard at all after so long is not there."""
+
+
+_KEPT = 2000
+"""Messages of each kind: 20 s at 100 Hz."""
 
 
 class RosRig:
@@ -64,6 +72,9 @@ class RosRig:
         self._pose = camera_pose(load_camera_config(camera))
         self._gripper, self._tip_round_mm, self._marker_rgb = gripper, tip_round_mm, marker_rgb
         self._heard: dict[str, tuple[float, Any]] = {}
+        self._past: dict[str, deque[tuple[float, Any]]] = {
+            name: deque(maxlen=_KEPT) for name in ("chamber_states", "scale/wrench")
+        }
         self._read = dict.fromkeys(("chamber_states", "camera/image_raw", "scale/wrench"), -math.inf)
         self._operator = Operator("characterise", namespace, idle, domain_id)
         node = self._operator.node
@@ -122,11 +133,13 @@ class RosRig:
         self._setpoints.publish(joint_state(time_stamp(time.time()), CHANNEL_NAMES, effort=wanted))
 
     def read(self) -> Reading:
-        """Return the next reading.
+        """Return the next reading: a new picture, and what pressures and scale were when it was taken.
+
+        A picture comes later than they do, by as long as it takes to expose, send and draw it.
 
         Raises:
-            RigError: a part of the rig fell silent or says nonsense, a picture shows no muscle, or the valve controller
-                reports a fault.
+            RigError: a part of the rig fell silent or says nonsense, a picture shows no muscle or is from another time,
+                or the valve controller reports a fault.
         """
         begun_s = time.monotonic()
         while missing := [name for name, read_s in self._read.items() if self._heard[name][0] <= read_s]:
@@ -135,17 +148,29 @@ class RosRig:
                 raise RigError(f"nothing on {' and '.join(missing)} for {SILENCE_S:g} s; is it still connected?")
         self._check_air()
         self._read = {name: self._heard[name][0] for name in self._read}
-        measured: JointState = self._heard["chamber_states"][1]
-        force_n = float(self._heard["scale/wrench"][1].wrench.force.z)
+        taken_s = seconds(self._heard["camera/image_raw"][1].header.stamp)
+        measured: JointState = self._at("chamber_states", taken_s)
+        force_n = float(self._at("scale/wrench", taken_s).wrench.force.z)
         if not math.isfinite(force_n):
             raise RigError(f"scale/wrench: force.z is {force_n}")
-        return Reading(seconds(measured.header.stamp), self._pressures(measured), self._bend_rad(), force_n)
+        return Reading(taken_s, self._pressures(measured), self._bend_rad(), force_n)
 
     def _hearing(self, name: str) -> Callable[[Any], None]:
-        def hear(message: object) -> None:
+        def hear(message: Any) -> None:
             self._heard[name] = (time.monotonic(), message)
+            if name in self._past:
+                self._past[name].append((seconds(message.header.stamp), message))
 
         return hear
+
+    def _at(self, name: str, time_s: float) -> Any:
+        """The message of that time."""
+        stamp_s, message = min(self._past[name], key=lambda each: abs(each[0] - time_s))
+        if abs(stamp_s - time_s) > APART_S:
+            raise RigError(
+                f"the picture is {time_s - stamp_s:+.1f} s from what {name} has nearest to it; do they have one clock?"
+            )
+        return message
 
     def _check_air(self) -> None:
         for name, (level, said, _) in self._operator.health.items():
