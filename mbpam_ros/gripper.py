@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.actuator.built_muscle import LAW_FILE
 from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.actuator.design import MetamodelName, MuscleDesign, MuscleGeometry, uniform_geometry
-from mbpam_ros.actuator.drawing import PAPER, load_drawing
+from mbpam_ros.actuator.drawing import PAPER, load_drawing, muscle_folder
 from mbpam_ros.actuator.named_designs import load_design
 from mbpam_ros.configuration import ConfigError, load_yaml, parse_config, require_positive
 
@@ -100,6 +101,11 @@ class Gripper:
             ConfigError, RodSolutionError: as :meth:`calibration`.
         """
         return self.calibration().law
+
+    @property
+    def gas_law(self) -> Path | None:
+        """File of the chambers' gas volumes: the law of a muscle that was built; None for the paper's muscle."""
+        return None if self.muscle == PAPER else muscle_folder(self.muscle) / LAW_FILE
 
     @property
     def finger_base_m(self) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ from scipy.optimize import newton
 
 from mbpam_ros.actuator.bending_law import PATTERNS, stored_shear_modulus_pa
 from mbpam_ros.actuator.blocked_rod import RodLoad, blocked_path
-from mbpam_ros.actuator.built_muscle import LAW_FILE, load_built
+from mbpam_ros.actuator.built_muscle import ENDS_FILE, LAW_FILE, load_built
 from mbpam_ros.actuator.design import INITIAL_DESIGN, MuscleDesign, MuscleGeometry, uniform_geometry
 from mbpam_ros.actuator.drawing import PAPER, load_drawing, muscle_folder
 from mbpam_ros.actuator.elastic_rod import solid_end
@@ -129,7 +129,7 @@ def calibrate(
 def calibrate_built(name: str, geometry: MuscleGeometry) -> Calibration:
     """Return the calibration of a muscle of ``mbpam muscle build``: its own finite element law, as it is.
 
-    Its ends are the paper's muscle's, made similar to its size and silicone
+    Its ends are its own where they were computed, else the paper's muscle's, made similar to its size and silicone
     (:meth:`~mbpam_ros.actuator.end_law.EndLaw.scaled`).
 
     Args:
@@ -143,10 +143,14 @@ def calibrate_built(name: str, geometry: MuscleGeometry) -> Calibration:
     built = load_built(name)
     path = muscle_folder(name) / LAW_FILE
     modulus_pa = stored_shear_modulus_pa(path)
-    paper = load_drawing(PAPER).geometry
-    joints = finite_element_end_law().scaled(
-        geometry.outer_radius_m / paper.outer_radius_m, modulus_pa / stored_shear_modulus_pa()
-    )
+    own_ends = muscle_folder(name) / ENDS_FILE
+    if own_ends.is_file():
+        joints = finite_element_end_law(own_ends)
+    else:
+        paper = load_drawing(PAPER).geometry
+        joints = finite_element_end_law().scaled(
+            geometry.outer_radius_m / paper.outer_radius_m, modulus_pa / stored_shear_modulus_pa()
+        )
     law = uniform_law(finite_element_rod_law(path), geometry, solid_end(modulus_pa, geometry), joints)
     return Calibration(law, blocked_tip_force(law, geometry), bend_sigma=built.bend_sigma)
 

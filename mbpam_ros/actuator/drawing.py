@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbpam_ros.actuator.design import DrawnDesign, MuscleGeometry
 from mbpam_ros.configuration import ConfigError, config_directory, load_config, require_positive
@@ -77,11 +78,20 @@ class MuscleDrawing:
     @property
     def section_mm2(self) -> float:
         """Mean area of silicone in a section of the waves [mm2]."""
-        depth = 0.5 * self.a_mm * (1.0 - np.cos(2.0 * np.pi * (np.arange(_WAVE_POINTS) + 0.5) / _WAVE_POINTS))
-        outer = self.outer_radius_mm - depth
+        wave_mm = self.active_length_mm / self.wave_count
+        outer = self.outer_radius_at_mm(wave_mm * (np.arange(_WAVE_POINTS) + 0.5) / _WAVE_POINTS)
         rho, half = outer - self.c_mm, 0.5 * self.b_mm
         chamber = rho**2 * (0.25 * math.pi - np.arcsin(half / rho)) - half * (np.sqrt(rho**2 - half**2) - half)
         return float(np.mean(math.pi * outer**2 - 4.0 * chamber))
+
+    def outer_radius_at_mm(self, along_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the outer radius [mm] at distances along the waves from where they begin, at a crest.
+
+        R - a / 2 (1 - cos(2 pi n z / L)); chambers, moulds and meshes all follow it.
+        """
+        phase = 2.0 * np.pi * self.wave_count * np.asarray(along_mm, dtype=float) / self.active_length_mm
+        radius: NDArray[np.float64] = self.outer_radius_mm - 0.5 * self.a_mm * (1.0 - np.cos(phase))
+        return radius
 
     @property
     def design(self) -> DrawnDesign:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import functools
 import json
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,9 +51,9 @@ class GasVolumeTables(NamedTuple):
     pdc: Array
 
 
-@functools.lru_cache(maxsize=1)
-def gas_volume_tables() -> GasVolumeTables:
-    """Return the tables of ``config/data/fe_bending_law.json``.
+@functools.lru_cache(maxsize=4)
+def gas_volume_tables(law: Path | None = None) -> GasVolumeTables:
+    """Return the tables of a finite element law, by default of ``config/data/fe_bending_law.json``.
 
     Monotone (PCHIP) in pressure and bend. Beyond the sampled pressures (0 to 120 kPa) straight lines, down to a
     twentieth of the volume at rest; constant beyond the sampled bends (-60 to 180 deg).
@@ -60,7 +61,7 @@ def gas_volume_tables() -> GasVolumeTables:
     Raises:
         ConfigError: the file is missing or is no bending law.
     """
-    path = config_path(LAW_FILE)
+    path = config_path(law or LAW_FILE)
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))["tables"]
         sampled = {pattern: _on_grid(rows, pattern, count) for pattern, count in (("psc", 1), ("pdc", 2))}

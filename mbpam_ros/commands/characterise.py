@@ -50,6 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--timeout-s", type=float, default=20.0, metavar="S", help="for settling (default 20)")
     parser.add_argument("--camera", default="rig_camera.yaml", metavar="FILE", help="where the camera stands")
     parser.add_argument("--tip-round-mm", type=float, metavar="MM", help="a round tip stands out (default: flat)")
+    parser.add_argument(
+        "--markers", type=_colour, metavar="R,G,B", help="read the bend from two strips of this colour, 0 to 1"
+    )
     parser.add_argument("--namespace", default="", metavar="NAME", help="of the nodes")
     parser.add_argument("--simulated", type=int, metavar="SEED", help="measure the hidden muscle of a seed, no nodes")
 
@@ -75,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         from mbpam_ros.commands.ros_rig import RosRig  # ROS is asked for only where it measures
 
-        with RosRig(gripper, options.camera, options.tip_round_mm, options.namespace) as rig:
+        with RosRig(gripper, options.camera, options.tip_round_mm, options.markers, options.namespace) as rig:
             samples = characterise(rig, plan, progress.say)
     points = averaged(samples)
     progress.say(_text(points))
@@ -141,3 +144,13 @@ def _pressures(text: str) -> tuple[float, ...]:
         )
     count = int((high - low) / step + 1e-9)
     return tuple(low + k * step for k in range(count + 1))
+
+
+def _colour(text: str) -> tuple[float, float, float]:
+    try:
+        red, green, blue = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected R,G,B, such as 0.1,0.2,0.9, found {text!r}") from None
+    if not all(0.0 <= value <= 1.0 for value in (red, green, blue)):
+        raise argparse.ArgumentTypeError(f"expected three numbers from 0 to 1, found {text!r}")
+    return red, green, blue

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from types import TracebackType
@@ -25,13 +26,21 @@ from mbpam_ros.nodes.plant_rig import MOUNT
 from mbpam_ros.nodes.runtime import LATCHED, NEWEST, STREAM
 from mbpam_ros.study.rig.procedure import FORCE, Mount, Reading, RigError
 from mbpam_ros.vision.camera import Camera, CameraData, CameraError, camera_pose, load_camera_config
+from mbpam_ros.vision.side_markers import MarkerError, bend_between_markers
 from mbpam_ros.vision.side_view import MuscleSize, SilhouetteError, bend_in_picture
 
 SILENCE_S = 2.0
 """Whoever has sent nothing new for so long is lost."""
 
+APART_S = 1.0
+"""What belongs to a picture was measured no further from it in time."""
+
 FIRST_S = 20.0
 """What has not been heard at all after so long is not there."""
+
+
+_KEPT = 2000
+"""Messages of each kind: 20 s at 100 Hz."""
 
 
 class RosRig:
@@ -41,6 +50,7 @@ class RosRig:
         gripper: whose muscle is mounted, as finger 1.
         camera: file of where the camera at the side stands.
         tip_round_mm: by how much a round tip stands out; none: a flat one, the simulated one's being round.
+        marker_rgb: colour, 0 to 1, of two strips to read the bend from; None: of the silhouette.
         namespace: of the nodes.
         domain_id: ROS domain; none: of the environment.
         idle: called while one waits for messages.
@@ -54,13 +64,17 @@ class RosRig:
         gripper: Gripper,
         camera: str,
         tip_round_mm: float | None = None,
+        marker_rgb: tuple[float, float, float] | None = None,
         namespace: str = "",
         domain_id: int | None = None,
         idle: Callable[[], None] = lambda: None,
     ) -> None:
         self._pose = camera_pose(load_camera_config(camera))
-        self._gripper, self._tip_round_mm = gripper, tip_round_mm
+        self._gripper, self._tip_round_mm, self._marker_rgb = gripper, tip_round_mm, marker_rgb
         self._heard: dict[str, tuple[float, Any]] = {}
+        self._past: dict[str, deque[tuple[float, Any]]] = {
+            name: deque(maxlen=_KEPT) for name in ("chamber_states", "scale/wrench")
+        }
         self._read = dict.fromkeys(("chamber_states", "camera/image_raw", "scale/wrench"), -math.inf)
         self._operator = Operator("characterise", namespace, idle, domain_id)
         node = self._operator.node
@@ -119,11 +133,13 @@ class RosRig:
         self._setpoints.publish(joint_state(time_stamp(time.time()), CHANNEL_NAMES, effort=wanted))
 
     def read(self) -> Reading:
-        """Return the next reading.
+        """Return the next reading: a new picture, and what pressures and scale were when it was taken.
+
+        A picture comes later than they do, by as long as it takes to expose, send and draw it.
 
         Raises:
-            RigError: a part of the rig fell silent or says nonsense, a picture shows no muscle, or the valve controller
-                reports a fault.
+            RigError: a part of the rig fell silent or says nonsense, a picture shows no muscle or is from another time,
+                or the valve controller reports a fault.
         """
         begun_s = time.monotonic()
         while missing := [name for name, read_s in self._read.items() if self._heard[name][0] <= read_s]:
@@ -132,17 +148,29 @@ class RosRig:
                 raise RigError(f"nothing on {' and '.join(missing)} for {SILENCE_S:g} s; is it still connected?")
         self._check_air()
         self._read = {name: self._heard[name][0] for name in self._read}
-        measured: JointState = self._heard["chamber_states"][1]
-        force_n = float(self._heard["scale/wrench"][1].wrench.force.z)
+        taken_s = seconds(self._heard["camera/image_raw"][1].header.stamp)
+        measured: JointState = self._at("chamber_states", taken_s)
+        force_n = float(self._at("scale/wrench", taken_s).wrench.force.z)
         if not math.isfinite(force_n):
             raise RigError(f"scale/wrench: force.z is {force_n}")
-        return Reading(seconds(measured.header.stamp), self._pressures(measured), self._bend_rad(), force_n)
+        return Reading(taken_s, self._pressures(measured), self._bend_rad(), force_n)
 
     def _hearing(self, name: str) -> Callable[[Any], None]:
-        def hear(message: object) -> None:
+        def hear(message: Any) -> None:
             self._heard[name] = (time.monotonic(), message)
+            if name in self._past:
+                self._past[name].append((seconds(message.header.stamp), message))
 
         return hear
+
+    def _at(self, name: str, time_s: float) -> Any:
+        """The message of that time."""
+        stamp_s, message = min(self._past[name], key=lambda each: abs(each[0] - time_s))
+        if abs(stamp_s - time_s) > APART_S:
+            raise RigError(
+                f"the picture is {time_s - stamp_s:+.1f} s from what {name} has nearest to it; do they have one clock?"
+            )
+        return message
 
     def _check_air(self) -> None:
         for name, (level, said, _) in self._operator.health.items():
@@ -175,7 +203,9 @@ class RosRig:
             pixels = image_pixels(image)
             if np.any(lens):
                 pixels = np.asarray(cv2.undistort(pixels, intrinsics.matrix, lens), dtype=np.uint8)
+            if self._marker_rgb is not None:
+                return bend_between_markers(pixels, Camera(intrinsics, self._pose), self._marker_rgb).bend_rad
             size = MuscleSize(geometry.outer_radius_m, end_m, geometry.length_m, round_m)
             return bend_in_picture(pixels, Camera(intrinsics, self._pose), size).bend_rad
-        except (CameraError, MessageError, SilhouetteError) as error:
+        except (CameraError, MarkerError, MessageError, SilhouetteError) as error:
             raise RigError(f"camera/image_raw: {error}") from error

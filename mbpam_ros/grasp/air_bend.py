@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FINGER_COUNT
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2, resting_bend
-from mbpam_ros.actuator.gas_volume import gas_volume_tables
 from mbpam_ros.gripper import Gripper
 from mbpam_ros.pneumatics.chamber import ChamberConfig
 from mbpam_ros.pneumatics.iso6358 import AMBIENT_PA, IsoChambers, volume_rows
@@ -42,7 +41,7 @@ class AirBend:
     """Keeps account of the air in the chambers.
 
     Args:
-        gripper: whose law says how far free fingers bend, for the flow while they move.
+        gripper: whose law says how far free fingers bend, for the flow while they move, and their volumes.
         chamber: valves, lines and supply, as they are assumed to be.
 
     Raises:
@@ -51,7 +50,7 @@ class AirBend:
     """
 
     def __init__(self, gripper: Gripper, chamber: ChamberConfig) -> None:
-        self._twin, self._chamber = IsoChambers(chamber), chamber
+        self._twin, self._chamber = IsoChambers(chamber, gripper.gas_law), chamber
         self._law = gripper.rod_law()
         self._geometry = gripper.rod_geometry
         self._time_s = self._begun_s = math.nan
@@ -101,7 +100,7 @@ class AirBend:
             return np.full(FINGER_COUNT, np.nan)
         absolute = pressure_gauge_pa + AMBIENT_PA
         line = self._chamber.iso6358.line_volume_m3
-        tables = gas_volume_tables()
+        tables = self._twin.tables
         grid = tables.pressure_start_pa + tables.pressure_step_pa * np.arange(tables.psc.shape[0])
         amounts = np.empty((_BENDS_RAD.size, CHANNEL_COUNT))
         for row, bend in zip(amounts, _BENDS_RAD, strict=True):

@@ -181,7 +181,11 @@ class PlantNode(GripperNode):
         if config is None:
             return None, PlantCamera(self, self._gripper, self._scene, optical) if with_camera else None
         rig = PlantRig(self, self._gripper, config, scale)
-        return rig, RigCamera(self, self._gripper, self._scene, optical, config.camera) if with_camera else None
+        if not with_camera:
+            return rig, None
+        camera = RigCamera(self, self._gripper, self._scene, optical, config.camera)
+        camera.marker_rgb = config.marker_rgb
+        return rig, camera
 
     # Ticks
 

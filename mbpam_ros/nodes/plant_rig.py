@@ -18,21 +18,30 @@ from mbpam_ros.nodes.plant_camera import PlantCamera
 from mbpam_ros.nodes.runtime import GripperNode
 from mbpam_ros.plant.plant import Observation
 from mbpam_ros.plant.rig import MuscleRig, RigConfig, hidden_muscle
-from mbpam_ros.vision.render import SceneView
+from mbpam_ros.vision.render import ColouredSolid, SceneView
+from mbpam_ros.vision.side_markers import marker_strips
 
 MOUNT = ("turn", "plate")
 """What ``rig/mount`` says, as positions: azimuth that bends to the right [rad]; plate at the tip 1, away 0."""
 
 SCALE_FRAME = "scale"
 _AXIS_SAG_M = 2e-5
+_TO_CAMERA = np.array([0.0, -1.0, 0.0])
 
 
 class RigCamera(PlantCamera):
     """The camera at the side: sees the one muscle alone, before a dark ground."""
 
+    marker_rgb: tuple[float, float, float] | None = None
+    """Of the strips at the muscle's ends, if it has any."""
+
     def _view(self, observation: Observation) -> SceneView:
+        strips: tuple[ColouredSolid, ...] = ()
+        if self.marker_rgb is not None:
+            strips = marker_strips(observation.centreline_m[0], self._finger_radius_m, _TO_CAMERA, self.marker_rgb)
         return SceneView(
             math.inf,
+            strips,
             finger_centrelines_m=observation.centreline_m,
             finger_radius_m=self._finger_radius_m,
             finger_sag_m=_AXIS_SAG_M,

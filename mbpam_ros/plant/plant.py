@@ -129,7 +129,7 @@ def build_plant(
     return Plant(
         tier=build_tier(placed(scene, gripper, config, fidelity.contact), fidelity),
         calibration=gripper.calibration(),
-        chambers=build_pneumatics(fidelity.pneumatics or pneumatics.model, pneumatics.chamber),
+        chambers=build_pneumatics(fidelity.pneumatics or pneumatics.model, pneumatics.chamber, gripper.gas_law),
         pneumatics=pneumatics,
         lift=HandLift(scene.lift),
         sub_step_s=fidelity.sub_step_s,

@@ -48,6 +48,7 @@ class RigConfig:
         creep_share, creep_time_s: part of the pressure's effect that comes late, and how late.
         scale_noise_n, scale_step_n: standard deviation of a reading, and its last digit.
         scale_offset_n: what the scale shows of nothing, at most.
+        marker_rgb: colour, 0 to 1, of two strips at the muscle's ends; None: there are none.
 
     Raises:
         ValueError: a value out of its range.
@@ -62,6 +63,7 @@ class RigConfig:
     scale_noise_n: float
     scale_step_n: float
     scale_offset_n: float
+    marker_rgb: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         require_positive(self, "creep_time_s", "scale_step_n")
@@ -70,6 +72,8 @@ class RigConfig:
                 raise ValueError(f"{name} must not be negative, found {getattr(self, name)}")
         if max(self.sample_scatter, self.creep_share) > 0.5:
             raise ValueError("sample_scatter and creep_share must be at most 0.5")
+        if self.marker_rgb is not None and not all(0.0 <= value <= 1.0 for value in self.marker_rgb):
+            raise ValueError(f"marker_rgb must be three numbers from 0 to 1, found {self.marker_rgb}")
 
 
 @dataclass(frozen=True, eq=False)

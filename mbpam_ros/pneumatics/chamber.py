@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -90,12 +91,17 @@ class ChamberConfig:
 
 
 class PneumaticModel(ABC):
-    """Sixteen valves and chambers: reset, step, read. A model adds the law of one chamber, :meth:`_flow`."""
+    """Sixteen valves and chambers: reset, step, read. A model adds the law of one chamber, :meth:`_flow`.
+
+    Args:
+        config: supply, valve and chamber.
+        gas_law: file of the chambers' volumes, for models that know them; None for the paper's muscle.
+    """
 
     has_volume = False
     """Whether the bend of the muscles matters to it."""
 
-    def __init__(self, config: ChamberConfig) -> None:
+    def __init__(self, config: ChamberConfig, gas_law: Path | None = None) -> None:
         self._config = config
         self._pressure: Vector
         self._spool: Vector

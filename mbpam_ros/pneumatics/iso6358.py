@@ -23,6 +23,7 @@ the ends of a step (the bend is that of its start, n is kept when it changes).
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -211,9 +212,9 @@ class IsoChambers(PneumaticModel):
 
     has_volume = True
 
-    def __init__(self, config: ChamberConfig) -> None:
+    def __init__(self, config: ChamberConfig, gas_law: Path | None = None) -> None:
         orifice = config.iso6358
-        self._tables = gas_volume_tables()
+        self._tables = gas_volume_tables(gas_law)
         self._orifices = Orifices(
             valve=orifice.sonic_conductance_m3_s_pa,
             leak=orifice.leak_conductance_m3_s_pa,
@@ -223,7 +224,12 @@ class IsoChambers(PneumaticModel):
             supply_volume=orifice.supply_volume_m3,
             regulated=config.supply_gauge_pa + AMBIENT_PA,
         )
-        super().__init__(config)
+        super().__init__(config, gas_law)
+
+    @property
+    def tables(self) -> GasVolumeTables:
+        """The chambers' volumes."""
+        return self._tables
 
     @property
     def amount_j(self) -> Vector:

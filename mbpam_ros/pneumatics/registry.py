@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
+from pathlib import Path
 
 from mbpam_ros.pneumatics.chamber import ChamberConfig, PneumaticModel, PneumaticsInputError
 
@@ -24,8 +25,13 @@ def pneumatic_model_names() -> tuple[str, ...]:
     return tuple(_MODELS)
 
 
-def build_pneumatics(name: str, config: ChamberConfig) -> PneumaticModel:
+def build_pneumatics(name: str, config: ChamberConfig, gas_law: Path | None = None) -> PneumaticModel:
     """Return the pneumatic model ``name``, vented and closed.
+
+    Args:
+        name: of the model.
+        config: supply, valve and chamber.
+        gas_law: file of the chambers' volumes, for models that know them; None for the paper's muscle.
 
     Raises:
         PneumaticsInputError: no such model; the message lists those there are.
@@ -33,5 +39,5 @@ def build_pneumatics(name: str, config: ChamberConfig) -> PneumaticModel:
     if name not in _MODELS:
         raise PneumaticsInputError(f"no pneumatic model {name!r}; known: {', '.join(_MODELS)}")
     module, model = _MODELS[name]
-    build: Callable[[ChamberConfig], PneumaticModel] = getattr(importlib.import_module(module), model)
-    return build(config)
+    build: Callable[[ChamberConfig, Path | None], PneumaticModel] = getattr(importlib.import_module(module), model)
+    return build(config, gas_law)

@@ -255,6 +255,9 @@ class Renderer:
         depths = (
             [view.support_depth_m] if view.support_half_size_m is None else [view.support_depth_m, view.floor_depth_m]
         )
+        depths = [depth for depth in depths if math.isfinite(depth)]
+        if not depths:
+            return
         # The shadow lies within the hull of the solid and of its projections along the light.
         reach = [corners]
         for depth in depths:

@@ -68,3 +68,25 @@ def test_a_camera_and_scale_that_fall_silent_end_it_with_one_line(rig, graph, mo
         while True:
             rig.read()
     assert "\n" not in str(error.value)
+
+
+def test_a_picture_that_comes_late_counts_for_the_pressure_at_which_it_was_taken(rig):
+    """What it shows is not what the air is at when it arrives."""
+    rig.mount(PLAN.mounts[0])
+    before = rig.read()
+    late = rig._heard["camera/image_raw"][1]
+    rig.command([30e3, 0.0, 0.0, 30e3])
+    while rig.read().pressure_pa[0] < 25e3:
+        pass
+
+    def comes_now(picture):
+        rig._hearing("camera/image_raw")(picture)
+        rig._read = dict.fromkeys(rig._read, -math.inf)
+
+    comes_now(late)
+    again = rig.read()
+    assert again.time_s == before.time_s and max(again.pressure_pa) < 2e3
+    late.header.stamp.sec += 1000
+    comes_now(late)
+    with pytest.raises(RigError, match="do they have one clock"):
+        rig.read()

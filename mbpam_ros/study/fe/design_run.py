@@ -22,12 +22,13 @@ from mbpam_ros.study.fe.mesh import CONVERGED, FAST, CellGeometry, Resolution
 from mbpam_ros.study.fe.posture import (
     END_LENGTH_MM,
     END_WEIGHT_FACTOR,
+    SILICONE_DENSITY_KG_M3,
     PostureError,
     upright_tip_angle_rad,
     weight_n_mm,
 )
 from mbpam_ros.study.fe.solve import LoadStepError, StepControl
-from mbpam_ros.study.fe.unit_cell import UnitCell
+from mbpam_ros.study.fe.unit_cell import CellState, UnitCell
 from mbpam_ros.study.fe.versions import library_versions
 
 NOMINAL_KPA = 100.0
@@ -65,6 +66,7 @@ class Run:
         end_length_mm: straight piece at each end.
         end_weight_factor: its weight per length over the waved part's mean.
         self_contact: of the cross's arms with the wall of chambers without pressure.
+        density_kg_m3: of the silicone.
 
     Raises:
         ValueError: an end's length or weight is negative or not finite.
@@ -77,6 +79,7 @@ class Run:
     end_length_mm: float = END_LENGTH_MM
     end_weight_factor: float = END_WEIGHT_FACTOR
     self_contact: bool = False
+    density_kg_m3: float = SILICONE_DENSITY_KG_M3
 
     def __post_init__(self) -> None:
         for name in ("end_length_mm", "end_weight_factor"):
@@ -102,16 +105,20 @@ class Run:
             1e-3 * geometry.outer_radius_mm,
             1e-3 * self.end_length_mm,
             1e-3 * geometry.active_length_mm,
-            1e3 * weight_n_mm(geometry) / GRAVITY_M_S2,
+            1e3 * weight_n_mm(geometry, self.density_kg_m3) / GRAVITY_M_S2,
         )
 
-    def upright_tip_angle_rad(self, law: BendingLaw) -> float:
+    def upright_tip_angle_rad(self, law: BendingLaw, end_weight_factor: float | None = None) -> float:
         """Return the tip angle in the paper's posture with the law of one pressure.
+
+        Args:
+            end_weight_factor: another weight of the ends.
 
         Raises:
             LoadStepError, LawError, PostureError: no equilibrium was found.
         """
-        return upright_tip_angle_rad(law, self.geometry, self.end_length_mm, self.end_weight_factor)
+        factor = self.end_weight_factor if end_weight_factor is None else end_weight_factor
+        return upright_tip_angle_rad(law, self.geometry, self.end_length_mm, factor, density_kg_m3=self.density_kg_m3)
 
 
 def fast_reading(pattern: str) -> Run:
@@ -133,12 +140,25 @@ def nominal_values(run: Run, end_weight_factors: Sequence[float] = ()) -> dict[s
         LoadStepError, LawError, PostureError: the finite elements or the rod found no equilibrium.
     """
     cell = run.cell()
-    pressure_mpa = 1e-3 * NOMINAL_KPA
-    free = cell.free_bend(pressure_mpa)
+    return values_at(run, cell, cell.free_bend(1e-3 * NOMINAL_KPA), end_weight_factors)
+
+
+def values_at(run: Run, cell: UnitCell, free: CellState, end_weight_factors: Sequence[float] = ()) -> dict[str, Any]:
+    """Return :func:`nominal_values` where the free bend is known.
+
+    Args:
+        run: the design.
+        cell: its unit cell.
+        free: the cell's free bend at 100 kPa.
+        end_weight_factors: as there.
+
+    Raises:
+        LoadStepError, LawError, PostureError: as there.
+    """
     law = BendingLaw(cell, [free])
     upright_rad = run.upright_tip_angle_rad(law)
-    others_rad = [upright_tip_angle_rad(law, run.geometry, run.end_length_mm, factor) for factor in end_weight_factors]
-    straight = cell.held_bend(pressure_mpa, 0.0)
+    others_rad = [run.upright_tip_angle_rad(law, factor) for factor in end_weight_factors]
+    straight = cell.held_bend(free.pressure_gauge_mpa, 0.0)
     moment_n_mm = -straight.moment_n_mm
     return {
         "free_bend_deg": math.degrees(free.angle_rad) * cell.angle_per_muscle,

@@ -193,26 +193,38 @@ def end_rows(model: MuscleModel, pattern: str, waves: int, pressures_kpa: Sequen
     }
 
 
-def end_effect_table(model: MuscleModel, path: Path, executor: Executor, progress: Progress) -> dict:
+def end_effect_table(
+    model: MuscleModel,
+    path: Path,
+    executor: Executor,
+    progress: Progress,
+    pressures_kpa: Sequence[float] | None = None,
+) -> dict:
     """Return the effect of an end over pressure for PDC and PSC.
 
     ``path`` is kept up to date; a pattern that it holds from the same settings is not run again.
+
+    Args:
+        model: of the muscle.
+        path: of the file.
+        executor, progress: as for :func:`~mbpam_ros.study.jobs.run_jobs`.
+        pressures_kpa: rising from 0; by default :data:`PRESSURES_KPA`.
 
     Raises:
         ResultFileError: ``path`` is no file of this command.
     """
     settings = {**model.settings(), "waves_of_short_muscle": WAVES}
     results = ResultFile(path, settings, "ends", lambda row: row["pattern"])
-    jobs = {pattern: (model, pattern, WAVES, PRESSURES_KPA) for pattern in PATTERNS}
+    if pressures_kpa is not None:
+        settings["pressures_kpa"] = list(pressures_kpa)
+    jobs = {pattern: (model, pattern, WAVES, tuple(pressures_kpa or PRESSURES_KPA)) for pattern in PATTERNS}
     failures = run_jobs(
         jobs,
         end_rows,
         results,
         executor,
         progress,
-        lambda row: (
-            f"{row['pattern']}: turn {row['turn_deg']} deg, length {row['length_mm']}, shift {row['shift_mm']} mm"
-        ),
+        _text,
         failing=(LoadStepError,),
         s_per_job=S_PER_PATTERN,
     )

@@ -63,10 +63,13 @@ class YeohMaterial:
 
     def gradient(self, x: list[NDArray[np.float64]]) -> list[NDArray[np.float64] | None]:
         """Return [P, state] of [F, state]; P has the shape of F, (3, 3, ...)."""
-        deformation, state = x[0], x[-1]
+        return [self.first_piola(x[0]), x[-1]]
+
+    def first_piola(self, deformation: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return P [N/mm2] of F, both of shape (3, 3, ...)."""
         jacobian, cofactor, invariant_slope, slope, _ = self._kinematics(deformation)
-        stress = slope * invariant_slope + self._bulk * (jacobian - 1.0) * jacobian * cofactor
-        return [stress, state]
+        stress: NDArray[np.float64] = slope * invariant_slope + self._bulk * (jacobian - 1.0) * jacobian * cofactor
+        return stress
 
     def hessian(self, x: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
         """Return [A] of [F, state]; A has shape (3, 3, 3, 3, ...), A_iJkL = dP_iJ / dF_kL."""

@@ -43,7 +43,7 @@ class PostureError(MbpamError, RuntimeError):
     """No equilibrium of the upright muscle was found."""
 
 
-def weight_n_mm(geometry: CellGeometry) -> float:
+def weight_n_mm(geometry: CellGeometry, density_kg_m3: float = SILICONE_DENSITY_KG_M3) -> float:
     """Return the mean weight per unstretched length [N/mm] of the waved part.
 
     Mean over a wave of pi r_o^2 minus four chambers; the mean of r_o^2 is (R - a/2)^2 + a^2/8.
@@ -51,7 +51,7 @@ def weight_n_mm(geometry: CellGeometry) -> float:
     wave = geometry.wave_length_mm * (np.arange(64) + 0.5) / 64
     mean_square = (geometry.outer_radius_mm - 0.5 * geometry.a_mm) ** 2 + geometry.a_mm**2 / 8.0
     area_mm2 = math.pi * mean_square - 4.0 * float(geometry.chamber_area_at(wave).mean())
-    return SILICONE_DENSITY_KG_M3 * 1e-9 * area_mm2 * GRAVITY_M_S2
+    return density_kg_m3 * 1e-9 * area_mm2 * GRAVITY_M_S2
 
 
 def upright_tip_angle_rad(
@@ -61,6 +61,7 @@ def upright_tip_angle_rad(
     end_weight_factor: float = END_WEIGHT_FACTOR,
     gravity_factor: float = 1.0,
     stretching: bool = True,
+    density_kg_m3: float = SILICONE_DENSITY_KG_M3,
 ) -> float:
     """Return the tip angle [rad]; the law is sampled as far as the weight's moments go.
 
@@ -69,12 +70,13 @@ def upright_tip_angle_rad(
         end_weight_factor: its weight per length over the waved part's mean.
         gravity_factor: 0 switches the weight off.
         stretching: let the axis stretch as the law says; else it keeps its length.
+        density_kg_m3: of the silicone.
 
     Raises:
         PostureError: no equilibrium on the branch of the weightless rod.
         LawError, LoadStepError: the law cannot be sampled that far.
     """
-    weight = weight_n_mm(geometry) * gravity_factor
+    weight = weight_n_mm(geometry, density_kg_m3) * gravity_factor
     ends = end_length_mm, end_weight_factor
     law.cover(-0.5, 0.5, 0.5 * _SAMPLE_STEP_RAD)
     while True:

@@ -69,6 +69,24 @@ class SolidBody:
         self._move(x)
         return csr_matrix(self._solid.assemble.matrix(self._field))
 
+    def largest_principal(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return the largest principal stretch and true stress [MPa], and the volume at rest [mm3], of each point.
+
+        Points are those of the quadrature; the three arrays have the shape (points of a cell, cells). The true stress
+        is P F^T / J with the pressure of the volumetric energy.
+        """
+        self._move(x)
+        deformation, volume = self._field.extract()[0], self._region.dV
+        f = np.moveaxis(deformation, (0, 1), (-2, -1))
+        p = np.moveaxis(self._material.first_piola(deformation), (0, 1), (-2, -1))
+        jacobian = np.linalg.det(f)
+        stress = p @ np.swapaxes(f, -1, -2) / jacobian[..., None, None]
+        principal = np.linalg.eigvalsh(0.5 * (stress + np.swapaxes(stress, -1, -2)))[..., -1]
+        if self._mean_dilatation:
+            mean = (jacobian * volume).sum(axis=0) / volume.sum(axis=0)
+            principal = principal + self._bulk * (mean - 1.0)
+        return np.linalg.svd(f, compute_uv=False)[..., 0], principal, volume
+
     def nodal_volumes_mm3(self, cell_factors: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return each node's share of the volume at rest, sum over cells of factor int N dV, shape (nodes,)."""
         shares = np.einsum("aqc,qc,c->ca", np.broadcast_to(self._region.h, self._shape), self._region.dV, cell_factors)

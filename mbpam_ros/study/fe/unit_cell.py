@@ -241,6 +241,13 @@ class UnitCell:
         normal = np.cross(*self._end_axes(state.unknowns).T)
         return clearance(self.mesh, self.positions_mm(state.unknowns), normal, self._shares.keys())
 
+    def largest_principal(self, state: CellState) -> tuple[NDArray[np.float64], ...]:
+        """Return the largest principal stretch and true stress [MPa], and the volume at rest [mm3], of each point.
+
+        As :meth:`~mbpam_ros.study.fe.solid_body.SolidBody.largest_principal`.
+        """
+        return self._body.largest_principal(self.positions_mm(state.unknowns)[:-1])
+
     def section_turn_rad(self, unknowns: NDArray[np.float64]) -> float:
         """Return by how much the section at z = 0 is turned about z, least squares over its nodes.
 

@@ -4,8 +4,9 @@
             -> a design by a stated rule;   drawing -> finite element law of the rod -> plant and estimator
 
 Everything lands in the muscle's folder: ``samples.json`` (rows of the finite elements), ``law.json``, ``front.json``,
-``built.json``. A sample without equilibrium is kept by name, left out of the fits, and told; more than
-:data:`MOST_FAILED` of them are too many for a metamodel.
+``built.json``; ``front_fe.json`` and ``one_at_a_time.json`` (:mod:`~mbpam_ros.study.muscle.front_check`,
+:mod:`~mbpam_ros.study.muscle.one_at_a_time`), and ``ends.json`` where it is asked for. A sample without equilibrium is
+kept by name, left out of the fits, and told; more than :data:`MOST_FAILED` of them are too many for a metamodel.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from mbpam_ros.actuator.built_muscle import FILE, LAW_FILE, BuiltMuscle
+from mbpam_ros.actuator.built_muscle import ENDS_FILE, LAW_FILE, BuiltMuscle
 from mbpam_ros.actuator.drawing import MuscleDrawing
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.design import optimise_design
@@ -32,14 +33,22 @@ from mbpam_ros.study.design.latin_hypercube import optimal_latin_hypercube
 from mbpam_ros.study.design.pareto import grid_front
 from mbpam_ros.study.design.responses import fitted_responses
 from mbpam_ros.study.design.samples import RESPONSES, Samples
-from mbpam_ros.study.fe.design_run import NO_EQUILIBRIUM, S_PER_JOB, Run
+from mbpam_ros.study.fe.end_effect import PRESSURES_KPA as ENDS_KPA
+from mbpam_ros.study.fe.end_effect import end_effect_table
 from mbpam_ros.study.fe.law_table import BENDS_DEG, PRESSURES_KPA, law_table
-from mbpam_ros.study.fe.mesh import CellGeometryError, Resolution
+from mbpam_ros.study.fe.loaded_muscle import MuscleModel
+from mbpam_ros.study.fe.mesh import Resolution
 from mbpam_ros.study.fe.mesh_error import mesh_error_pct
 from mbpam_ros.study.fe.versions import library_versions
-from mbpam_ros.study.jobs import ResultFile, run_jobs
-from mbpam_ros.study.muscle.samples import FeSample, designs_of, ranges_of, run_of, sample_row, silicone_of
-from mbpam_ros.study.result_file import write_json
+from mbpam_ros.study.muscle.samples import (
+    FeSample,
+    MeshedDrawing,
+    designs_of,
+    ranges_of,
+    run_of,
+    silicone_of,
+    table_designs,
+)
 from mbpam_ros.terminal import Progress
 
 DRAWN = "drawing"
@@ -68,24 +77,32 @@ class BuildPlan:
     Args:
         vary: a key of :data:`VARY`.
         samples, checks: designs to fit and to judge on.
+        tables: take the paper's designs (Tables 1, 2 and 5) for samples, checks and optima, made similar to the radius.
         seed: of the designs.
         patterns: that samples are run with.
         resolution, mesh_wall_mm: of the finite elements; see
-            :func:`~mbpam_ros.study.muscle.samples.sample_row`.
+            :class:`~mbpam_ros.study.muscle.samples.MeshedDrawing`.
         law_kpa, law_bends_deg: where the law is sampled.
+        ends_mesh: of the short muscle that tells what the drawing's ends do; None: similar to the paper's muscle's.
         largest_stretch: of the silicone's wall before it tears; designs beyond it are left out. None: not known.
     """
 
     vary: str = "a,b"
     samples: int = 21
     checks: int = 8
+    tables: bool = False
     seed: int = 0
     patterns: tuple[str, ...] = ("pdc", "psc")
     resolution: Resolution = Resolution()
     mesh_wall_mm: float = 0.0
     law_kpa: tuple[int, ...] = PRESSURES_KPA
     law_bends_deg: tuple[int, ...] = BENDS_DEG
+    ends_mesh: str | None = None
     largest_stretch: float | None = None
+
+    def meshed(self, drawing: MuscleDrawing) -> MeshedDrawing:
+        """Return the drawing on the plan's finite elements."""
+        return MeshedDrawing(drawing, self.resolution, self.mesh_wall_mm)
 
 
 def sampled_designs(drawing: MuscleDrawing, plan: BuildPlan) -> list[FeSample]:
@@ -107,6 +124,8 @@ def sampled_designs(drawing: MuscleDrawing, plan: BuildPlan) -> list[FeSample]:
                 "similar to this radius; draw it within, or build it with --samples 0"
             )
     designs = [drawn]
+    if plan.tables:
+        return designs + table_designs(drawing)
     for count, prefix, seed in ((plan.samples, "sample", plan.seed), (plan.checks, "check", plan.seed + 1)):
         if count:
             points = optimal_latin_hypercube(count, len(names), seed)
@@ -125,45 +144,19 @@ def run_samples(
         BuildError: too many have no equilibrium, or the drawing itself has none.
         ResultFileError: the folder cannot be written, or holds something else.
     """
-    jobs: dict[str, tuple[str, Run, float]] = {}
-    failures: dict[str, str] = {}
-    silicone = silicone_of(drawing)
-    for design in sampled_designs(drawing, plan):
-        for pattern in plan.patterns:
-            name = f"{design.name} {pattern}"
-            try:
-                jobs[name] = name, run_of(drawing, design, pattern, plan.resolution, silicone), plan.mesh_wall_mm
-            except CellGeometryError as error:
-                failures[name] = str(error)
-    settings = {
-        "drawing": asdict(drawing),
-        "resolution": plan.resolution.settings(),
-        "mesh_wall_mm": plan.mesh_wall_mm,
-        "versions": library_versions(),
-    }
-    results = ResultFile(folder / "samples.json", settings, "samples", lambda row: str(row["name"]))
-    failures |= run_jobs(
-        jobs,
-        sample_row,
-        results,
-        executor,
-        progress,
-        _row_text,
-        failing=(*NO_EQUILIBRIUM, CellGeometryError),
-        s_per_job=S_PER_JOB,
-    )
-    results.write(list(jobs), failures=failures)
+    designs = sampled_designs(drawing, plan)
+    rows, failures = plan.meshed(drawing).rows(designs, plan.patterns, folder / "samples.json", executor, progress)
     for name, reason in failures.items():
         progress.say(f"warning: {name} is left out: {reason}")
     lost = [name for name in failures if name.startswith(DRAWN)]
     if lost:
         raise BuildError(f"the drawing itself has no equilibrium at 100 kPa ({lost[0]}: {failures[lost[0]]})")
-    if len(failures) > MOST_FAILED * (len(jobs) + len(failures)):
+    if len(failures) > MOST_FAILED * (len(rows) + len(failures)):
         raise BuildError(
-            f"{len(failures)} of {len(jobs)} samples have no equilibrium, more than {100 * MOST_FAILED:.0f} %: take a "
-            "stiffer silicone or a finer mesh"
+            f"{len(failures)} of {len(rows) + len(failures)} samples have no equilibrium, more than "
+            f"{100 * MOST_FAILED:.0f} %: take a stiffer silicone or a finer mesh"
         )
-    return [results.rows[name] for name in jobs if name in results.rows], failures
+    return rows, failures
 
 
 def samples_of(rows: Sequence[dict[str, Any]], prefix: str, largest_stretch: float | None) -> Samples:
@@ -233,21 +226,24 @@ def _error(judged: dict[str, dict[str, dict[str, Judged]]], name: str) -> float:
 
 
 def monotony(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:
-    """Return rank correlations of bend, force and stretch (PDC) with each variable that the samples vary.
+    """Return partial rank correlations of bend, force and stretch (PDC) with each variable that the samples vary.
 
-    +1 and -1: monotone; what the paper says of c and n.
+    The part of the ranks that the other variables do not explain: with R the correlations of the ranks of a response
+    and of all variables, -P_0i / sqrt(P_00 P_ii), P = R^-1. Near +1 and -1 the response is monotone in the variable,
+    whatever the others do; near 0 it is not, or hardly depends on it.
     """
-    from scipy.stats import spearmanr
+    from scipy.stats import rankdata
 
     of = [row for row in rows if row["pattern"] == "pdc" and row["name"].startswith("sample")]
-    found: dict[str, dict[str, float]] = {}
-    for name in ("a_mm", "b_mm", "c_mm", "n"):
-        values = [row[name] for row in of]
-        if len(set(values)) > 2:
-            found[name] = {
-                what: float(spearmanr(values, [row[what] for row in of]).statistic)
-                for what in ("theta_max_deg", "f_max_n", "stretch_max")
-            }
+    varied = [name for name in ("a_mm", "b_mm", "c_mm", "n") if len({row[name] for row in of}) > 2]
+    if len(of) <= len(varied) + 2:
+        return {}
+    found: dict[str, dict[str, float]] = {name: {} for name in varied}
+    for what in ("theta_max_deg", "f_max_n", "stretch_max"):
+        ranks = [rankdata([row[key] for row in of]) for key in (what, *varied)]
+        inverse = np.linalg.pinv(np.corrcoef(ranks))
+        for place, name in enumerate(varied, start=1):
+            found[name][what] = float(-inverse[0, place] / math.sqrt(inverse[0, 0] * inverse[place, place]))
     return found
 
 
@@ -271,22 +267,36 @@ def build_law(
     return law
 
 
-def keep_built(drawing: MuscleDrawing, plan: BuildPlan, rows: Sequence[dict[str, Any]], folder: Path) -> BuiltMuscle:
-    """Write and return what plant and estimator need to know of a muscle that was built."""
+def build_ends(
+    drawing: MuscleDrawing, plan: BuildPlan, folder: Path, executor: Executor, progress: Progress
+) -> dict[str, Any] | None:
+    """Compute what the drawing's ends do, if the plan names a mesh for it.
+
+    Raises:
+        BuildError: a short muscle of the drawing has no equilibrium.
+    """
+    if plan.ends_mesh is None:
+        return None
+    drawn = FeSample(DRAWN, drawing.a_mm, drawing.b_mm, drawing.c_mm, drawing.wave_count)
+    run = run_of(drawing, drawn, "pdc", plan.resolution, silicone_of(drawing))
+    model = MuscleModel(run.geometry, plan.ends_mesh, drawing.end_length_mm, silicone=run.silicone)
+    pressures = tuple(pressure for pressure in ENDS_KPA if pressure <= plan.law_kpa[-1])
+    ends = end_effect_table(model, folder / ENDS_FILE, executor, progress, pressures)
+    if ends["failures"]:
+        raise BuildError(f"the ends have no equilibrium: {next(iter(ends['failures'].values()))}; lower --law-to")
+    return ends
+
+
+def built_muscle(drawing: MuscleDrawing, plan: BuildPlan, rows: Sequence[dict[str, Any]]) -> BuiltMuscle:
+    """Return what plant and estimator need to know of a muscle that was built."""
     drawn = next(row for row in rows if row["name"] == f"{DRAWN} pdc")
     error_pct = mesh_error_pct(plan.resolution)
     sigma = UNKNOWN_MESH_SIGMA if error_pct is None else abs(error_pct) / 100.0
     versions = {name: str(value) for name, value in library_versions().items()}
-    built = BuiltMuscle(
+    return BuiltMuscle(
         float(drawn["theta_max_deg"]),
         float(drawn["f_max_n"]),
         min(math.hypot(sigma, 0.01), 1.0),
+        drawing,
         {"command": "mbpam muscle build", "silicone": drawing.silicone, **versions},
     )
-    write_json(folder / FILE, asdict(built))
-    return built
-
-
-def _row_text(row: dict[str, Any]) -> str:
-    performance = f"{row['theta_max_deg']:.1f} deg, {row['f_max_n']:.3f} N"
-    return f"{row['name']}: {performance}, wall stretched to {row['stretch_max']:.2f}"

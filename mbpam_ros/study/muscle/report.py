@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mbpam_ros.actuator.built_muscle import BuiltMuscle
+from mbpam_ros.study.muscle.findings import Findings
 from mbpam_ros.study.pictures import PictureError, new_figure, save_figure
 from mbpam_ros.study.result_file import write_text
 
@@ -19,29 +20,18 @@ td,th{{padding:.15em .6em;border-bottom:1px solid #ccc;text-align:right}}img{{ma
 """
 
 
-def write_report(
-    path: Path,
-    name: str,
-    drawing: dict[str, Any],
-    built: BuiltMuscle,
-    rows: Sequence[dict[str, Any]],
-    failures: dict[str, str],
-    front: dict[str, Any] | None,
-    monotony: dict[str, dict[str, float]],
-) -> None:
+def write_report(path: Path, name: str, drawing: dict[str, Any], built: BuiltMuscle, found: Findings) -> None:
     """Write the page; without matplotlib it has no pictures.
 
     Raises:
         ResultFileError: it cannot be written.
     """
+    rows, front = found.rows, found.front
     parts = [_HEAD.format(title=html.escape(f"Muscle {name}"))]
     parts.append(_table("Drawing", ("", "value"), list(drawing.items())))
-    parts.append(
-        f"<p>As drawn, two chambers at 100 kPa: {built.theta_max_deg:.1f} deg, {built.f_max_n:.3f} N; a bend is known "
-        f"to {100 * built.bend_sigma:.1f} %.</p>"
-    )
+    parts += [f"<p>{html.escape(line)}.</p>" for line in found.lines(built)]
+    parts.append(f"<p>A bend is known to {100 * built.bend_sigma:.1f} %.</p>")
     if front is not None:
-        parts.append(_front_text(front))
         picture = path.with_name("front.png")
         try:
             _draw_front(front, rows, picture)
@@ -56,41 +46,32 @@ def write_report(
         parts.append(
             _table("Metamodels, RMSE over the range", ("judged on", "metamodel", "theta_max", "f_max"), judged)
         )
-    if monotony:
-        ranks = [(variable, *(f"{value:+.2f}" for value in of.values())) for variable, of in monotony.items()]
-        parts.append(_table("Rank correlations", ("", "theta_max", "f_max", "stretch of the wall"), ranks))
-    head = ("design", "a mm", "b mm", "c mm", "n", "theta_max deg", "f_max N", "wall stretched to")
-    cells = [
-        (
-            row["name"],
-            *(f"{row[key]:g}" for key in ("a_mm", "b_mm", "c_mm", "n")),
-            f"{row['theta_max_deg']:.1f}",
-            f"{row['f_max_n']:.3f}",
-            f"{row['stretch_max']:.2f}",
-        )
-        for row in rows
-    ]
-    parts.append(_table("Finite elements", head, cells))
-    if failures:
-        parts.append(_table("Left out", ("design", "why"), list(failures.items())))
+        parts.append(_table("Designs of the front by finite elements", *_cells(front["finite_elements"]["designs"])))
+    if found.alone is not None:
+        parts.append(_table("Each variable alone", *_cells(found.alone["rows"])))
+    parts.append(_table("Finite elements", *_cells(rows)))
+    if found.failures:
+        parts.append(_table("Left out", ("design", "why"), list(found.failures.items())))
     parts.append(_table("Made with", ("", ""), list(built.provenance.items())))
     write_text(path, "\n".join(parts) + "</html>\n")
 
 
-def _front_text(front: dict[str, Any]) -> str:
-    chosen = front["chosen"]
-    offers = []
-    for key, what in (
-        ("gain_force_at_equal_angle_pct", "force at equal angle"),
-        ("gain_angle_at_equal_force_pct", "angle at equal force"),
-    ):
-        value = front.get(key)
-        offers.append(f"{what} {'beyond the front' if value is None else f'{value:+.1f} %'}")
-    design = f"a {chosen['a_mm']:.3f}, b {chosen['b_mm']:.3f} mm, {chosen['theta_deg']:.1f} deg, {chosen['f_n']:.3f} N"
-    return (
-        f"<p>Best metamodel: {html.escape(front['metamodel'])}; the front over the drawing: {', '.join(offers)}. "
-        f"Chosen by {html.escape(chosen['rule'])}: {design}.</p>"
+def _cells(rows: Sequence[dict[str, Any]]) -> tuple[Sequence[str], Sequence[Sequence[object]]]:
+    """Head and cells of a table of finite elements."""
+    head = (
+        *("design", "a mm", "b mm", "c mm", "n", "theta_max deg", "f_max N"),
+        *("stretch", "of 99 %", "stress MPa", "of 99 %"),
     )
+    formats = {"theta_max_deg": ".1f", "f_max_n": ".3f"}
+    told = {**formats, **dict.fromkeys(("stretch_max", "stretch_99", "stress_max_mpa", "stress_99_mpa"), ".2f")}
+    return head, [
+        (
+            row["name"],
+            *(f"{row[key]:g}" for key in ("a_mm", "b_mm", "c_mm", "n")),
+            *(format(row[key], spec) for key, spec in told.items()),
+        )
+        for row in rows
+    ]
 
 
 def _draw_front(front: dict[str, Any], rows: Sequence[dict[str, Any]], path: Path) -> None:
@@ -99,6 +80,14 @@ def _draw_front(front: dict[str, Any], rows: Sequence[dict[str, Any]], path: Pat
     of = [row for row in rows if row["pattern"] == "pdc"]
     axis.plot([row["theta_max_deg"] for row in of], [row["f_max_n"] for row in of], "k.", label="finite elements")
     axis.plot([row[2] for row in front["pareto"]], [row[3] for row in front["pareto"]], "C3.", label="front")
+    checked = front["finite_elements"]["designs"]
+    axis.plot(
+        [row["theta_max_deg"] for row in checked], [row["f_max_n"] for row in checked], "C3o", mfc="none",
+        label="its designs by finite elements",
+    )  # fmt: skip
+    if front["paper"] is not None:
+        published = front["paper"]["front"]
+        axis.plot([row[2] for row in published], [row[3] for row in published], "C2-", label="the paper's front")
     axis.plot(front["chosen"]["theta_deg"], front["chosen"]["f_n"], "C0s", label="chosen")
     axis.set(xlabel="theta_max [deg]", ylabel="f_max [N]")
     axis.legend()

@@ -1,35 +1,36 @@
-"""Finite elements of one design of a drawing, as a row: what it does at 100 kPa, and how far its wall is stretched."""
+"""Finite elements of designs of a drawing, as rows: what each does at 100 kPa, and how far its wall is stretched."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.drawing import MuscleDrawing
-from mbpam_ros.errors import MbpamError
+from mbpam_ros.actuator.tables import read_table
 from mbpam_ros.study.design.latin_hypercube import RANGES
-from mbpam_ros.study.fe.design_run import Run, nominal_values
+from mbpam_ros.study.fe.design_run import NO_EQUILIBRIUM, NOMINAL_KPA, S_PER_JOB, Run, values_at
 from mbpam_ros.study.fe.material import Silicone
-from mbpam_ros.study.fe.mesh import CellGeometry, Resolution
-from mbpam_ros.study.fe.unit_cell import UnitCell
+from mbpam_ros.study.fe.mesh import CONVERGED, CellGeometry, CellGeometryError, Resolution
+from mbpam_ros.study.fe.unit_cell import CellState, UnitCell
+from mbpam_ros.study.fe.versions import library_versions
+from mbpam_ros.study.jobs import ResultFile, run_jobs
 from mbpam_ros.study.silicone.known import yeoh_constants_of
+from mbpam_ros.terminal import Progress
 
 Array = NDArray[np.float64]
 
 PAPER_RADIUS_MM, PAPER_LENGTH_MM = 10.0, 100.0
 
-_CORNER_SLOPES = 0.125 * np.array(
-    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=float
-)
-"""Slopes of a hexahedron's eight corner functions in its middle."""
+PAPER_TABLES = {"doe_training.csv": "sample", "doe_validation.csv": "check", "pareto_checks.csv": "optimum"}
 
-
-class SampleError(MbpamError, ValueError):
-    """A design that cannot be sampled; the message says why."""
+_SMALL_SHARE = 0.01
+"""Of the silicone, that is stretched further than ``stretch_99``."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,66 @@ class FeSample:
     b_mm: float
     c_mm: float
     wave_count: float
+
+
+@dataclass(frozen=True)
+class MeshedDrawing:
+    """A drawing, and the finite elements that designs of it are run on.
+
+    Args:
+        drawing: of the muscle.
+        resolution: of the mesh.
+        mesh_wall_mm: what the mesh's wall is thinner by, for what the mesh lacks in flexibility.
+    """
+
+    drawing: MuscleDrawing
+    resolution: Resolution = CONVERGED
+    mesh_wall_mm: float = 0.0
+
+    def rows(
+        self, designs: Sequence[FeSample], patterns: Sequence[str], path: Path, executor: Executor, progress: Progress
+    ) -> tuple[list[dict[str, Any]], dict[str, str]]:
+        """Run what the file does not hold of the designs under each pattern; return the rows, and what failed by name.
+
+        Raises:
+            ConfigError: the drawing's silicone is not known.
+            ResultFileError: ``path`` cannot be written, or holds something else.
+        """
+        jobs: dict[str, tuple[str, Run, float]] = {}
+        failures: dict[str, str] = {}
+        silicone = silicone_of(self.drawing)
+        for pattern in patterns:
+            for design in designs:
+                name = f"{design.name} {pattern}"
+                try:
+                    run = run_of(self.drawing, design, pattern, self.resolution, silicone)
+                    jobs[name] = name, run, self.mesh_wall_mm
+                except CellGeometryError as error:
+                    failures[name] = str(error)
+        settings = {
+            "drawing": asdict(self.drawing),
+            "resolution": self.resolution.settings(),
+            "mesh_wall_mm": self.mesh_wall_mm,
+            "versions": library_versions(),
+        }
+        results = ResultFile(path, settings, "samples", lambda row: str(row["name"]))
+        failures |= run_jobs(
+            jobs,
+            sample_row,
+            results,
+            executor,
+            progress,
+            _row_text,
+            failing=(*NO_EQUILIBRIUM, CellGeometryError),
+            s_per_job=S_PER_JOB,
+        )
+        results.write(list(jobs), failures=failures)
+        return [results.rows[name] for name in jobs if name in results.rows], failures
+
+
+def _row_text(row: dict[str, Any]) -> str:
+    performance = f"{row['theta_max_deg']:.1f} deg, {row['f_max_n']:.3f} N"
+    return f"{row['name']}: {performance}, wall stretched to {row['stretch_max']:.2f}"
 
 
 def ranges_of(drawing: MuscleDrawing) -> dict[str, tuple[float, float]]:
@@ -77,6 +138,21 @@ def designs_of(drawing: MuscleDrawing, unit_points: Array, names: Sequence[str],
     return designs
 
 
+def table_designs(drawing: MuscleDrawing) -> list[FeSample]:
+    """Return the paper's designs made similar to the drawing's radius: Table 1 as samples, 2 as checks, 5 as optima.
+
+    Raises:
+        ConfigError: a table is missing or unreadable.
+    """
+    size = drawing.outer_radius_mm / PAPER_RADIUS_MM
+    designs = []
+    for table, prefix in PAPER_TABLES.items():
+        for a_mm, b_mm in (size * read_table(table, "a_mm", "b_mm").T).round(4).tolist():
+            name = f"{prefix} {a_mm:g}, {b_mm:g}, {drawing.c_mm:g}, {drawing.wave_count:g}"
+            designs.append(FeSample(name, a_mm, b_mm, drawing.c_mm, drawing.wave_count))
+    return designs
+
+
 def silicone_of(drawing: MuscleDrawing) -> Silicone:
     """Return what a muscle is cast of.
 
@@ -100,7 +176,14 @@ def run_of(drawing: MuscleDrawing, design: FeSample, pattern: str, resolution: R
         active_length_mm=drawing.active_length_mm,
         outer_radius_mm=drawing.outer_radius_mm,
     )
-    return Run(geometry, pattern, resolution, silicone, end_length_mm=drawing.end_length_mm)
+    return Run(
+        geometry,
+        pattern,
+        resolution,
+        silicone,
+        end_length_mm=drawing.end_length_mm,
+        density_kg_m3=drawing.density_kg_m3,
+    )
 
 
 def sample_row(name: str, run: Run, mesh_wall_mm: float) -> dict[str, Any]:
@@ -117,9 +200,9 @@ def sample_row(name: str, run: Run, mesh_wall_mm: float) -> dict[str, Any]:
     """
     geometry = run.geometry
     meshed = replace(run, geometry=replace(geometry, c_mm=geometry.c_mm - mesh_wall_mm))
-    found = nominal_values(meshed)
     cell = meshed.cell()
-    state = cell.free_bend(0.1)
+    free = cell.free_bend(1e-3 * NOMINAL_KPA)
+    found = values_at(meshed, cell, free)
     return {
         "name": name,
         "pattern": run.pattern,
@@ -129,21 +212,22 @@ def sample_row(name: str, run: Run, mesh_wall_mm: float) -> dict[str, Any]:
         "n": geometry.wave_count,
         "theta_max_deg": found["theta_deg"],
         "f_max_n": found["force_n"],
-        "stretch_max": largest_stretch(cell, state.unknowns),
+        **wall_load(cell, free),
     }
 
 
-def largest_stretch(cell: UnitCell, unknowns: Array) -> float:
-    """Return the largest principal stretch in the middle of any element of a hexahedral mesh.
+def wall_load(cell: UnitCell, state: CellState) -> dict[str, float]:
+    """Return how far the silicone is stretched, and the true stress in it [MPa].
 
-    Raises:
-        SampleError: the mesh is of tetrahedra.
+    ``stretch_max`` and ``stress_max_mpa`` are the largest of all points of quadrature. The chambers' corners are sharp,
+    so both rise slowly as the mesh is refined; ``stretch_99`` and ``stress_99_mpa``, which a hundredth of the silicone
+    exceeds, do not.
     """
-    corners = cell.mesh.cells[:, :8]
-    if cell.mesh.cells.shape[1] not in (8, 20):
-        raise SampleError("stretches are told for hexahedra; take another mesh")
-    rest = cell.mesh.points_mm[corners]
-    now = cell.positions_mm(unknowns)[:-1][corners]
-    before, after = (np.einsum("eki,kj->eij", x, _CORNER_SLOPES) for x in (rest, now))
-    gradient = after @ np.linalg.inv(before)
-    return float(np.linalg.svd(gradient, compute_uv=False).max())
+    stretch, stress_mpa, volume = (each.ravel() for each in cell.largest_principal(state))
+    found = {}
+    for name, values in (("stretch{}", stretch), ("stress{}_mpa", stress_mpa)):
+        order = np.argsort(values)
+        below = np.cumsum(volume[order]) / volume.sum()
+        found[name.format("_max")] = float(values[order[-1]])
+        found[name.format("_99")] = float(values[order[np.searchsorted(below, 1.0 - _SMALL_SHARE)]])
+    return found

@@ -155,9 +155,9 @@ def _profile(drawing: MuscleDrawing) -> tuple[Array, Array]:
     end, length = drawing.end_length_mm, drawing.active_length_mm
     count = int(round(_PER_WAVE * drawing.wave_count)) + 1
     along = np.linspace(0.0, length, count)
-    depth = 0.5 * drawing.a_mm * (1.0 - np.cos(2.0 * np.pi * drawing.wave_count * along / length))
     z = np.concatenate([[0.0], end + along, [2.0 * end + length]])
-    radius = np.concatenate([[drawing.outer_radius_mm], drawing.outer_radius_mm - depth, [drawing.outer_radius_mm]])
+    crest = drawing.outer_radius_mm
+    radius = np.concatenate([[crest], drawing.outer_radius_at_mm(along), [crest]])
     return z, radius
 
 

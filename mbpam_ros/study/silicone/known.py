@@ -20,6 +20,8 @@ class KnownSilicone:
         c10_mpa, c20_mpa, c30_mpa: Yeoh's.
         strain_to: largest engineering strain of the test that they follow.
         source: where they, or the test, were published.
+        strain_at_break: engineering strain at which a specimen tore; None where it was not published.
+        strength_mpa: its engineering stress there.
     """
 
     c10_mpa: float
@@ -27,6 +29,8 @@ class KnownSilicone:
     c30_mpa: float
     strain_to: float
     source: str
+    strain_at_break: float | None = None
+    strength_mpa: float | None = None
 
 
 @dataclass(frozen=True)
@@ -61,3 +65,24 @@ def yeoh_constants_of(name: str) -> Yeoh:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ConfigError(f"{name}: no file of mbpam silicone --json: it has no constants of Yeoh's model") from error
     return parse_config(Yeoh, constants, f"{name}: yeoh")
+
+
+def largest_stretch_of(name: str) -> float | None:
+    """Return the stretch that specimens of a silicone are known to have borne in one direction; None if none is known.
+
+    Of a name in the configuration the stretch at break; of a file of ``mbpam silicone --json`` the end of the shortest
+    of its pulls, whether that was the break or the machine was stopped before.
+
+    Raises:
+        ConfigError: there is neither, or the file is none of that command.
+    """
+    known = load_silicones()
+    if name in known:
+        strain = known[name].strain_at_break
+        return None if strain is None else 1.0 + strain
+    yeoh_constants_of(name)  # says what is wrong with the name or the file
+    try:
+        tests = json.loads(Path(name).read_text(encoding="utf-8"))["tests"]
+        return 1.0 + min(float(test["strain"][1]) for test in tests)
+    except (ValueError, KeyError, TypeError, IndexError) as error:
+        raise ConfigError(f"{name}: no file of mbpam silicone --json: it does not say how far was pulled") from error

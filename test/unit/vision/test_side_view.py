@@ -13,6 +13,7 @@ from mbpam_ros.actuator.rod_law import finite_element_rod_law
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.vision.camera import Camera, CameraPose, load_camera_config
 from mbpam_ros.vision.render import Lamp, Renderer, SceneView
+from mbpam_ros.vision.side_markers import MarkerError, bend_between_markers, marker_strips
 from mbpam_ros.vision.side_view import MuscleSize, SilhouetteError, bend_in_picture
 
 pytestmark = pytest.mark.slow
@@ -21,6 +22,7 @@ GEOMETRY = load_gripper().rod_geometry
 CONFIG = load_camera_config("rig_camera.yaml")
 SIZE = MuscleSize(GEOMETRY.outer_radius_m, GEOMETRY.end_length_m, GEOMETRY.length_m, GEOMETRY.outer_radius_m)
 LAW = finite_element_rod_law()
+BLUE = (0.1, 0.25, 0.9)
 
 
 def upright(pressure_pa, side=1.0):
@@ -41,13 +43,14 @@ def tilted(rng):
     return Camera(square.intrinsics, CameraPose(rotation, look_at + turn @ (square.position_m - look_at)))
 
 
-def picture(camera, axis, rng, lamp=None):
-    view = SceneView(math.inf, finger_centrelines_m=axis[None], finger_sag_m=2e-5, lamp=lamp or Lamp())
+def picture(camera, axis, rng, lamp=None, strips=0):
+    solids = marker_strips(axis, GEOMETRY.outer_radius_m, np.array([0.0, -1.0, 0.0]), BLUE)[:strips]
+    view = SceneView(math.inf, solids, axis[None], finger_sag_m=2e-5, lamp=lamp or Lamp())
     return Renderer(camera, CONFIG.noise_levels, CONFIG.blur_sigma_px).render(view, rng)
 
 
-def test_at_20_tilts_and_lamps_the_bend_is_within_six_tenths_of_a_degree():
-    rng = np.random.default_rng(3)
+def test_at_20_tilts_and_lamps_the_bend_is_within_a_degree_by_silhouette_and_by_markers():
+    rng, strip_rng = (np.random.default_rng(seed) for seed in (3, 4))
     errors = []
     for pressure_pa in np.linspace(0.0, 100e3, 20):
         true, axis = upright(pressure_pa, side=rng.choice([-1.0, 1.0]))
@@ -55,9 +58,26 @@ def test_at_20_tilts_and_lamps_the_bend_is_within_six_tenths_of_a_degree():
         lamp[1] = -abs(lamp[1])  # on the camera's side
         lamp = Lamp(tuple(lamp / np.linalg.norm(lamp)), rng.uniform(0.25, 0.5), rng.uniform(0.3, 0.7))
         camera = tilted(rng)
-        errors.append(math.degrees(bend_in_picture(picture(camera, axis, rng, lamp), camera, SIZE).bend_rad - true))
-    assert np.sqrt(np.mean(np.square(errors))) < 0.3
-    assert np.abs(errors).max() < 0.6
+        by_silhouette = bend_in_picture(picture(camera, axis, rng, lamp), camera, SIZE)
+        by_markers = bend_between_markers(picture(camera, axis, strip_rng, lamp, strips=2), camera, BLUE)
+        errors.append([math.degrees(found.bend_rad - true) for found in (by_silhouette, by_markers)])
+    assert np.sqrt(np.mean(np.square(errors), axis=0)).max() < 0.3
+    assert (np.abs(errors).max(axis=0) < [0.6, 1.0]).all()
+
+
+@pytest.mark.parametrize(
+    ("strips", "colour", "message"),
+    [
+        (0, BLUE, "no strip of that colour"),
+        (1, BLUE, "1 strip of that colour is in the picture, two are needed"),
+        (2, (0.5, 0.5, 0.52), "nearly grey"),
+    ],
+)
+def test_without_two_strips_there_is_no_bend_between_them(strips, colour, message):
+    camera, rng = Camera.from_config(CONFIG), np.random.default_rng(0)
+    with pytest.raises(MarkerError, match=message) as error:
+        bend_between_markers(picture(camera, upright(30e3)[1], rng, strips=strips), camera, colour)
+    assert "\n" not in str(error.value)
 
 
 def test_a_dark_muscle_on_a_bright_ground_has_the_same_bend():

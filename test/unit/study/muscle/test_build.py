@@ -10,17 +10,24 @@ import pytest
 
 pytest.importorskip("felupe")
 from mbpam_ros.actuator.drawing import load_drawing
+from mbpam_ros.actuator.end_law import finite_element_end_law
+from mbpam_ros.actuator.gas_volume import gas_volume_tables
 from mbpam_ros.actuator.metamodel import METAMODELS
 from mbpam_ros.commands.mbpam import main
 from mbpam_ros.configuration import ConfigError, config_directory
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.pneumatics.config import load_pneumatics
+from mbpam_ros.pneumatics.registry import build_pneumatics
 from mbpam_ros.study.design import compare_metamodels, optimise_design
 from mbpam_ros.study.design.latin_hypercube import optimal_latin_hypercube
 from mbpam_ros.study.fe.solve import LoadStepError
-from mbpam_ros.study.muscle import build
+from mbpam_ros.study.muscle import build, samples
+from mbpam_ros.study.muscle.findings import Findings
 from mbpam_ros.study.muscle.samples import ranges_of
+from mbpam_ros.study.silicone.known import largest_stretch_of
 
 PAPER = load_drawing("paper")
+CHAMBER = load_pneumatics().chamber
 RAN: list[str] = []
 
 
@@ -33,7 +40,8 @@ def similar_row(name, run, _):
         raise LoadStepError("stopped at 80 kPa", 80.0)
     row = {"name": name, "pattern": run.pattern, "a_mm": geometry.a_mm, "b_mm": geometry.b_mm, "c_mm": geometry.c_mm}
     bend, force = 60.0 * a - 25.0 * b + 50.0, 1.0 - 0.15 * a - 0.08 * (b - 1.5) ** 2
-    return {**row, "n": geometry.wave_count, "theta_max_deg": bend, "f_max_n": force, "stretch_max": 1.5 + 0.2 * a}
+    wall = {"stretch_max": 1.5 + 0.2 * a, "stretch_99": 1.4 + 0.2 * a, "stress_max_mpa": 1.0, "stress_99_mpa": 0.8}
+    return {**row, "n": geometry.wave_count, "theta_max_deg": bend, "f_max_n": force, **wall}
 
 
 @pytest.fixture
@@ -48,8 +56,9 @@ def half(tmp_path, monkeypatch):
         text = text.replace(f"{name}: {value}", f"{name}: {0.5 * value}")
     (own / "muscles" / "half.yaml").write_text(text)
     monkeypatch.setenv("MBPAM_CONFIG_DIR", str(own))
-    monkeypatch.setattr(build, "sample_row", similar_row)
+    monkeypatch.setattr(samples, "sample_row", similar_row)
     monkeypatch.setattr(build, "law_table", similar_law)
+    monkeypatch.setattr(build, "end_effect_table", ends_that_turn_twice_as_far)
     for module in (compare_metamodels, optimise_design):  # one is enough to go through
         monkeypatch.setattr(module, "METAMODELS", {"prs": METAMODELS["prs"]})
     monkeypatch.setattr(optimise_design, "GRID", 61)
@@ -73,13 +82,27 @@ def similar_law(run, path, executor, progress, pressures_kpa, bends_deg):
     return {**law, "failures": {}}
 
 
+def ends_that_turn_twice_as_far(model, path, executor, progress, pressures_kpa):
+    """The paper's ends at the size of ``model``, but for their turn."""
+    size = model.geometry.outer_radius_mm / 10.0
+    ends = json.loads((config_directory() / "data" / "fe_ends.json").read_text())
+    factors = {"turn_deg": 2.0, "length_mm": size, "shift_mm": size, "shear_per_n": size**-2}
+    factors["compliance_rad_per_n_mm"] = size**-3
+    for row in ends["ends"]:
+        row |= {name: [factor * value for value in row[name]] for name, factor in factors.items()}
+    path.write_text(json.dumps(ends))
+    return {**ends, "failures": {}}
+
+
 def test_the_run_goes_on_where_it_was_and_ends_in_a_gripper_of_that_muscle(half, capsys):
     command = ["muscle", "build", "half", "--samples", "14", "--checks", "4", "--patterns", "pdc", "--workers", "1"]
-    assert main([*command, "--keep-as", "half_chosen"]) == 0
+    assert main([*command, "--keep-as", "half_chosen", "--ends", "coarse"]) == 0
     said = capsys.readouterr().out
-    assert "muscle: half, target: fe" in said
+    assert "muscle: half, target: fe" in said and "at what stretch it tears is not known" in said
     folder = half / "muscles" / "half"
     front = json.loads((folder / "front.json").read_text())
+    offered, checked = (of["gain_force_at_equal_angle_pct"] for of in (front, front["finite_elements"]))
+    assert checked == pytest.approx(offered, abs=3.0) and len(front["finite_elements"]["designs"]) == 5
     assert set(front["judged"]) <= {"left out", "checks"} and len(front["pareto"]) > 10
     assert "<h2>Drawing</h2>" in (folder / "report.html").read_text()
     ran = len(RAN)
@@ -92,9 +115,16 @@ def test_the_run_goes_on_where_it_was_and_ends_in_a_gripper_of_that_muscle(half,
     )
     small = load_gripper()
     assert small.geometry.length_m == pytest.approx(0.065)
+    eighth = gas_volume_tables().pdc / 8.0
+    assert np.allclose(gas_volume_tables(small.gas_law).pdc, eighth, rtol=1e-9, atol=0.0)
+    air = [build_pneumatics("iso6358", CHAMBER, law).amount_j for law in (small.gas_law, None)]
+    assert (air[0] - air[1]).max() < 0.0  # what the plant lets in
     moment, stiffness = small.rod_law().at_nominal_pressure("pdc")
-    whole = dataclasses.replace(load_gripper(config_directory() / "gripper.yaml"))
-    assert whole.muscle == "half" and 0.0 < moment < 0.01 and 0.0 < stiffness < 3e-4
+    (folder / "ends.json").unlink()  # then similar to the paper's, whose turn is half as far
+    similar, _ = small.rod_law().at_nominal_pressure("pdc")
+    turn_rad = finite_element_end_law().of_pattern("pdc", 100e3).turn_rad
+    assert moment - similar == pytest.approx(2.0 * stiffness * turn_rad / small.rod_geometry.active_length_m, rel=1e-3)
+    assert small.muscle == "half" and 0.0 < moment < 0.01 and 0.0 < stiffness < 3e-4
     with pytest.raises(ConfigError, match="target test is the paper's muscle"):
         (half / "gripper.yaml").write_text((half / "gripper.yaml").read_text().replace("target: fe", "target: test"))
         load_gripper()
@@ -114,7 +144,7 @@ def test_a_sample_without_equilibrium_is_named_and_left_out_and_too_many_are_ref
             raise LoadStepError("stopped at 20 kPa", 20.0)
         return similar_row(name, run, wall)
 
-    monkeypatch.setattr(build, "sample_row", failing)
+    monkeypatch.setattr(samples, "sample_row", failing)
     assert main([*command, "--seed", "5"]) == 1
     assert "of 15 samples have no equilibrium, more than 30 %" in capsys.readouterr().err
 
@@ -138,6 +168,20 @@ def test_the_ranges_of_a_similar_muscle_are_similar_and_the_papers_are_the_paper
 def test_a_drawing_that_is_no_muscle_is_one_line(change, message):
     with pytest.raises(ValueError, match=message):
         dataclasses.replace(PAPER, **change)
+
+
+def test_what_a_silicone_bears_is_of_its_data_or_of_its_test(tmp_path):
+    assert largest_stretch_of("rtv615") == pytest.approx(2.932) and largest_stretch_of("e625") is None
+    tested = {"models": {"yeoh": {"constants": {"c10_mpa": 0.1, "c20_mpa": 0.0, "c30_mpa": 0.0}}}}
+    path = tmp_path / "mine.json"
+    path.write_text(json.dumps({**tested, "tests": [{"strain": [0.0, 3.1]}, {"strain": [0.0, 2.6]}]}))
+    assert largest_stretch_of(str(path)) == pytest.approx(3.6)
+    path.write_text(json.dumps(tested))
+    with pytest.raises(ConfigError, match="does not say how far was pulled"):
+        largest_stretch_of(str(path))
+    wall = {"stretch_max": 2.4, "stretch_99": 2.0, "stress_99_mpa": 1.0}
+    told = [Findings([{"name": "drawing pdc", **wall}], {}, None, {}, None, limit).wall_text for limit in (2.3, 2.9)]
+    assert "it may BURST, specimens of it bore 2.30" in told[0] and told[1].endswith("specimens of it bore 2.90")
 
 
 @pytest.mark.parametrize(
