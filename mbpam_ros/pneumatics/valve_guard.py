@@ -26,10 +26,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.pneumatics.air_switch import AirSwitch
+from mbpam_ros.pneumatics.assumed_valve import assumed_valve
 from mbpam_ros.pneumatics.config import PneumaticsConfig
 from mbpam_ros.pneumatics.controller import PressureController, ValveFault
 from mbpam_ros.pneumatics.findings import Fault, Finding
-from mbpam_ros.pneumatics.observer import AssumedValve, Observer
+from mbpam_ros.pneumatics.observer import Observer, ReadingNoise
 from mbpam_ros.pneumatics.probing import Prober
 from mbpam_ros.pneumatics.supply_valve import SupplyValve
 
@@ -84,16 +85,12 @@ class GuardedValves:
         switched_on: bool = False,
     ) -> None:
         loops = config.controller
-        valve = AssumedValve(
-            supply_gauge_pa=loops.supply_gauge_pa,
-            time_constant_s=loops.fill_time_constant_s,
-            least_drop_pa=loops.least_drop_pa,
-            noise_pa=AssumedValve.noise_of(config.transducer),
-            cutoff_hz=config.sensing.cutoff_hz,
+        valve = assumed_valve(
+            config.model, config.chamber, loops.supply_gauge_pa, loops.fill_time_constant_s, loops.least_drop_pa
         )
         self.controller = PressureController(loops, pressure_limit_gauge_pa, over_pressure_gauge_pa)
         self.switch = AirSwitch(self.controller, switched_on)
-        self._observer = Observer(config.observer, valve)
+        self._observer = Observer(config.observer, valve, ReadingNoise.of(config.transducer, config.sensing))
         self._prober = Prober(config.probing, valve, self._observer)
         self._supply = SupplyValve()
         self._supply.open = switched_on
