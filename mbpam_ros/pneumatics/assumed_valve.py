@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.pneumatics.chamber import AMBIENT_PA, REFERENCE_PA, ChamberConfig, OrificeConfig
+from mbpam_ros.pneumatics.controller import ControllerConfig
 
 Vector = NDArray[np.float64]
 
@@ -163,28 +164,27 @@ def _volumes(line_volume_m3: float) -> tuple[Vector, Vector]:
     from mbpam_ros.actuator.gas_volume import gas_volume_tables  # loads scipy, which other valves do without
 
     tables = gas_volume_tables()
-    grid_pa = tables.pressure_start_pa + tables.pressure_step_pa * np.arange(tables.psc.shape[0])
+    grid_pa = tables.pressure_start_pa + tables.pressure_step_pa * np.arange(tables.psc.shape[0], dtype=np.float64)
     bends_rad = tables.bend_start_rad + tables.bend_step_rad * np.arange(tables.psc.shape[1])
     alone, paired = (
         np.array([np.interp(share * np.array([0.0, GREATEST_BEND_RAD]), bends_rad, row) for row in table])
         for table, share in ((tables.psc, 1.0), (tables.pdc, math.sqrt(2.0)))
     )
-    return grid_pa, line_volume_m3 + 0.5 * (alone + paired)
+    volume_m3: Vector = line_volume_m3 + 0.5 * (alone + paired)
+    return grid_pa, volume_m3
 
 
-def assumed_valve(
-    model: str, chamber: ChamberConfig, supply_gauge_pa: float, time_constant_s: float, least_drop_pa: float
-) -> AssumedValve:
+def assumed_valve(model: str, chamber: ChamberConfig, loops: ControllerConfig) -> AssumedValve:
     """Return the valve that a machine like the pneumatic ``model`` has.
 
     Args:
         model: ``ideal``, ``lag`` or ``iso6358``.
         chamber: valves and volumes, of which ``iso6358`` knows.
-        supply_gauge_pa, time_constant_s, least_drop_pa: what the loops assume.
+        loops: what they assume of supply and valve.
 
     Raises:
         ConfigError: the model needs gas volumes, and there are none.
     """
     if model == "iso6358":
-        return OrificeValve(supply_gauge_pa, least_drop_pa, chamber.iso6358)
-    return FirstOrderValve(supply_gauge_pa, least_drop_pa, time_constant_s)
+        return OrificeValve(loops.supply_gauge_pa, loops.least_drop_pa, chamber.iso6358)
+    return FirstOrderValve(loops.supply_gauge_pa, loops.least_drop_pa, loops.fill_time_constant_s)

@@ -68,6 +68,7 @@ class GuardedValves:
         pressure_limit_gauge_pa: greatest set-point accepted.
         over_pressure_gauge_pa: a chamber above this vents at once.
         switched_on: whether the operator has the air on from the start.
+        model: the pneumatic model that the machine is like; by default that of the configuration.
 
     Attributes:
         controller: the loops.
@@ -83,11 +84,10 @@ class GuardedValves:
         pressure_limit_gauge_pa: float,
         over_pressure_gauge_pa: float,
         switched_on: bool = False,
+        model: str | None = None,
     ) -> None:
         loops = config.controller
-        valve = assumed_valve(
-            config.model, config.chamber, loops.supply_gauge_pa, loops.fill_time_constant_s, loops.least_drop_pa
-        )
+        valve = assumed_valve(model or config.model, config.chamber, loops)
         self.controller = PressureController(loops, pressure_limit_gauge_pa, over_pressure_gauge_pa)
         self.switch = AirSwitch(self.controller, switched_on)
         self._observer = Observer(config.observer, valve, ReadingNoise.of(config.transducer, config.sensing))

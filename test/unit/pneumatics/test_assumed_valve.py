@@ -16,8 +16,7 @@ BENT = np.tile([-0.5 * GREATEST_BEND_RAD, 0.0], (4, 1))
 
 
 def valve(model):
-    loops = CONFIG.controller
-    return assumed_valve(model, CONFIG.chamber, SUPPLY_PA, loops.fill_time_constant_s, loops.least_drop_pa)
+    return assumed_valve(model, CONFIG.chamber, CONFIG.controller)
 
 
 def test_the_share_of_the_choked_flow_is_the_simulated_orifice_s():

@@ -31,7 +31,7 @@ class Rig:
         self.transducer = Transducer(config.transducer, CHANNEL_COUNT, seed)
         self.sensing = PressureSensing(config.sensing, config.transducer)
         self.faults = MachineFaults(config.transducer, config.chamber.supply_gauge_pa, seed)
-        self.valves = GuardedValves(dataclasses.replace(CONFIG, model=assumed), 110e3, 120e3, switched_on=True)
+        self.valves = GuardedValves(CONFIG, 110e3, 120e3, switched_on=True, model=assumed)
         self.bend_rad = np.zeros((4, 2))
         self.leak_1_s = np.full(CHANNEL_COUNT, leak_1_s)
         self.volts = self.transducer.measure(self.pressure_pa)
