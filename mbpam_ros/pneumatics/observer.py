@@ -55,6 +55,7 @@ _DOUBT_S = 0.5
 _GREATEST_LEAK_1_S = 2.0
 _NOMINAL_TICK_S = 0.01
 _SLOW_TICKS = 5
+_LEAST_FALL_PA_S = 10e3
 
 
 @dataclass(frozen=True)
@@ -199,6 +200,7 @@ class Observer:
         self._leak_1_s = np.zeros(n)
         self._drawn = 0.0
         self._bent_pa: Vector = np.zeros(n)
+        self._falling_s = np.zeros(n)
         self._rises: dict[int, float] = {}
         self._looks: dict[int, _Look] = {}
         self._forget_course()
@@ -444,12 +446,26 @@ class Observer:
                 self._suspect_rise(int(risen), course.high)
             for fallen in np.flatnonzero((self._down > least + margin) & ~known):
                 self._suspect_fall(int(fallen), course.low, course.high)
+        self._judge_leaks(course)
         for channel in list(self._rises):
             if channel in self._rises:
                 self._judge_rise(channel)
         for channel in list(self._looks):
             if channel in self._looks:
                 self._judge_look(channel)
+
+    def _judge_leaks(self, course: _Course) -> None:
+        """Name a leak that its valve, far open, cannot stop: such a valve does not fill."""
+        leaks = self.channels(Fault.LEAK) & ~self.channels(Fault.NOT_FOLLOWING)
+        if not leaks.any():
+            self._falling_s[:] = 0.0
+            return
+        falling = _MOMENT @ self._readings[-_MOMENT.size :] < -_LEAST_FALL_PA_S * self._interval_s * (_MOMENT @ _MOMENT)
+        stays = leaks & falling & (course.low > 0.5)
+        self._falling_s = np.where(stays, self._falling_s + course.dt_s, 0.0)
+        for channel in map(int, np.flatnonzero(self._falling_s > self._config.look_time_s)):
+            evidence = f"goes on falling though its valve fills, at {self._kpa(channel)} kPa"
+            self._find(Fault.NOT_FOLLOWING, (channel,), evidence, 0.99)
 
     def _judge_jumps(self, course: _Course) -> None:
         fill_pa_s, vent_pa_s = self._fastest_pa_s(course.last)

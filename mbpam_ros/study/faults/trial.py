@@ -167,8 +167,10 @@ def _answer(simulation: Simulation) -> str:
         return Response.REGULATE.value
     if decision.air is Air.VENT:
         return Response.VENT_ALL.value
+    if decision.air is Air.REGULATE:
+        return Response.GRIP_HARDER.value
     answer, _ = respond(simulation.findings, Phase.FAULT)
-    return Response.HOLD.value if answer is Response.REGULATE else answer.value
+    return answer.value if answer.air is Air.HOLD else Response.HOLD.value
 
 
 def _go_back(simulation: Simulation, course: Course) -> None:

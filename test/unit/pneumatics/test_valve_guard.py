@@ -213,6 +213,13 @@ def test_a_leak_is_made_up_for_beyond_what_the_integral_may_learn():
     assert "time constant 1." in finding.evidence or "time constant 0.9" in finding.evidence
 
 
+@pytest.mark.parametrize("opening", [0.25, 1.0])
+def test_a_leak_that_its_valve_cannot_stop_is_a_valve_that_does_not_fill(opening):
+    rig = holding()
+    rig.inject("valve_vents", opening)
+    assert rig.run(1.0, until=lambda: (Fault.NOT_FOLLOWING, ONE) in rig.found) < 0.4
+
+
 def test_what_no_one_can_vouch_for_is_not_followed_far():
     rig = holding()
     rig.inject("drift", -2e3)
