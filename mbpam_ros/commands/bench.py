@@ -1,8 +1,9 @@
 """What the running gripper costs, beside its budgets.
 
-CPU of six processes and of "bringup", answer time of services, delay from set-point to valve command, the speed of the
-simulation, and what loops and observers of the valves cost. Figures are measured, never asserted: the exit code is 0 whether or not a budget is kept. Shares of
-a core are medians over several short windows, so that another program's burst does not count.
+CPU of six processes and of "bringup", answer time of services, delay from set-point to valve command, the speed of
+the simulation, and what loops and observers of the valves cost. Figures are measured, never asserted: the exit code is
+0 whether or not a budget is kept. Shares of a core are medians over several short windows, so that another program's
+burst does not count.
 """
 
 from __future__ import annotations
