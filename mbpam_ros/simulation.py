@@ -120,12 +120,13 @@ class Simulation:
         pneumatics = load_pneumatics()
         limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
         grasp = load_grasp_config() if grasp is None else grasp
-        holding = build_holding_watch(grasp, gripper, pneumatics, (fidelity or request).pneumatics or pneumatics.model)
+        model = (fidelity or request).pneumatics or pneumatics.model
+        holding = build_holding_watch(grasp, gripper, pneumatics, model)
         self._arbiter = _arbiter(gripper, grasp, grip_pressure_gauge_pa, holding)
         self._arbiter.expect(expected)
         self._plant = build_plant(scene, fidelity or request, gripper, real_pneumatics or pneumatics, seed=seed)
         self._sensing = PressureSensing(pneumatics.sensing, pneumatics.transducer)
-        self._valves = GuardedValves(pneumatics, *limits, switched_on=True)
+        self._valves = GuardedValves(pneumatics, *limits, switched_on=True, model=model)
         self.channel_status: tuple[ChannelStatus, ...] = ()
         self.seen: Observation = self._plant.observe()
         self.pressure_gauge_pa = np.full(CHANNEL_COUNT, np.nan)

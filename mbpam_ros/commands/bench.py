@@ -1,8 +1,9 @@
 """What the running gripper costs, beside its budgets.
 
-CPU of six processes and of "bringup", answer time of services, delay from set-point to valve command, and the speed
-of the simulation. Figures are measured, never asserted: the exit code is 0 whether or not a budget is kept. Shares of
-a core are medians over several short windows, so that another program's burst does not count.
+CPU of six processes and of "bringup", answer time of services, delay from set-point to valve command, the speed of
+the simulation, and what loops and observers of the valves cost. Figures are measured, never asserted: the exit code is
+0 whether or not a budget is kept. Shares of a core are medians over several short windows, so that another program's
+burst does not count.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ from mbpam_ros.nodes.messages import joint_state, rgb_image, seconds
 from mbpam_ros.nodes.runtime import NEWEST, STREAM
 from mbpam_ros.plant.plant import build_plant
 from mbpam_ros.plant.scene import load_scene
+from mbpam_ros.pneumatics.config import load_pneumatics
+from mbpam_ros.study.guard_costs import ALONE, MODELS, guard_costs_us
 from mbpam_ros.study.judge.hostile import hostile_images
 from mbpam_ros.study.provenance import processor
 from mbpam_ros.study.result_file import write_json
@@ -125,6 +128,7 @@ class Bench:
             ("bringup", self._bringup),
             ("bringup, hostile images", self._hostile_images),
             ("plant alone", self._plant_alone),
+            ("loops and observers", self._observers),
             ("lock step, one process", lambda: self._lock_step(["bringup"])),
             ("lock step, six processes", lambda: self._lock_step(NODES)),
         ):
@@ -254,6 +258,16 @@ class Bench:
                 plant.step(spool, tick_s)
             factors.append(ticks * tick_s / (time.perf_counter() - began))
         self._median("plant's model alone, speed", factors, "x real time")
+
+    def _observers(self) -> None:
+        """What a sample costs the valve controller without ROS, and how much of it the observers are."""
+        costs = guard_costs_us(load_pneumatics(), self._plan.windows)
+        alone_us = statistics.median(costs[ALONE])
+        self._median("pressure loops, a sample", costs[ALONE], "us")
+        for model in MODELS:
+            guarded = costs[model]
+            self._median(f"with observers and test pulses, valves as {model}, a sample", guarded, "us")
+            self._median(f"the same over the loops alone, {model}", [each / alone_us for each in guarded], "times")
 
     def _lock_step(self, executables: Sequence[str]) -> None:
         """Speed of the whole system with a simulated clock that runs as fast as the nodes answer."""

@@ -2,6 +2,8 @@
 
     mbpam soak --minutes M              half of M minutes each way
     mbpam soak --minutes M --json FILE  what came of it, as a file too
+    mbpam soak --minutes M --simulated-hours H
+                                        H simulated hours, however long they take, then M minutes of real time
 
 Grasps in random modes, stops and releases at random moments; among the nodes also one that is killed and started again,
 or frozen for some seconds, while a grasp closes or holds. After each the same way back is gone: release, reset, air on.
@@ -14,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import math
 import os
 import random
 import signal
@@ -247,21 +250,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--minutes", type=float, default=10.0, metavar="M", help="of the wall clock (default 10)")
     parser.add_argument("--seed", type=int, default=0, help="of everything drawn (default 0)")
     parser.add_argument("--json", type=result_file, metavar="FILE", help="where the result goes")
+    parser.add_argument(
+        "--simulated-hours", type=float, metavar="H", help="so much simulated time first, then all M real"
+    )
     parser.add_argument("--simulated-only", action="store_true", help="all of the time in simulated time, no nodes")
     parser.add_argument("--logs", type=result_folder, default=Path("report/soak"), help="output of the nodes")
 
 
 def run(options: argparse.Namespace) -> int:
     """Use the gripper at random both ways, print what came of it, and return 1 if something must not be."""
-    if not options.minutes > 0.0:
-        print("mbpam soak: --minutes must be greater than 0", file=sys.stderr)
+    if not (options.minutes > 0.0 and (options.simulated_hours is None or options.simulated_hours > 0.0)):
+        print("mbpam soak: --minutes and --simulated-hours must be greater than 0", file=sys.stderr)
         return 2
     exit_on_stop_signals()
     print("  ".join(f"{key}: {value}" for key, value in machine().items()), f" load: {os.getloadavg()[0]:.1f}")
     wall_s = 60.0 * options.minutes
-    simulated = soak(options.seed, wall_s if options.simulated_only else 0.5 * wall_s)
+    if options.simulated_hours is not None:
+        simulated = soak(options.seed, math.inf, 3600.0 * options.simulated_hours)
+    else:
+        wall_s *= 1.0 if options.simulated_only else 0.5
+        simulated = soak(options.seed, wall_s)
     print(simulated_text(simulated), flush=True)
-    nodes = None if options.simulated_only else nodes_under_random_use(0.5 * wall_s, options.seed, options.logs)
+    nodes = None if options.simulated_only else nodes_under_random_use(wall_s, options.seed, options.logs)
     if nodes is not None:
         print(nodes_text(nodes))
     if options.json is not None:

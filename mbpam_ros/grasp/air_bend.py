@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, FINGER_COUNT
 from mbpam_ros.actuator.equilibrium import GRAVITY_M_S2, resting_bend
 from mbpam_ros.gripper import Gripper
-from mbpam_ros.pneumatics.chamber import ChamberConfig
-from mbpam_ros.pneumatics.iso6358 import AMBIENT_PA, IsoChambers, volume_rows
+from mbpam_ros.pneumatics.chamber import AMBIENT_PA, ChamberConfig
+from mbpam_ros.pneumatics.iso6358 import IsoChambers, volume_rows
 
 Array = NDArray[np.float64]
 

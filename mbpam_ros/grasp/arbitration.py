@@ -39,7 +39,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
+from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES, FINGER_COUNT
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import load_config, require_positive
 from mbpam_ros.grasp.empty_hand import load_empty_hand
@@ -451,7 +451,7 @@ class Arbiter:
         if now.phase is Phase.RELEASING:
             return Answer(True, "already releasing")
         if now.phase is Phase.FAULT:
-            if now.air is Air.HOLD:
+            if now.air is not Air.VENT:
                 self._enter(replace(now, air=Air.VENT, reason=f"{now.reason}; released by the operator"))
             return Answer(True, "venting; the fault stays until grasp/reset")
         self._enter(replace(now, phase=Phase.RELEASING, source=Source.OPERATOR, reason="release requested"))
@@ -481,7 +481,7 @@ class Arbiter:
             return None
         if now.phase is not Phase.FAULT:
             return f"no fault latched, the gripper is {now.phase.value}; grasp/release opens it"
-        if now.air is Air.HOLD:
+        if now.air is not Air.VENT:
             return f"the fault keeps the object ({now.reason}); call grasp/release first"
         objection = self._ill_health() or self._unreadable() or self._found()
         if objection is not None:
@@ -549,10 +549,29 @@ class Arbiter:
             return False
         now = self._situation
         answer, cause = respond(self._findings, now.phase)
-        if answer is Response.REGULATE or now.air is Air.VENT or (now.phase is Phase.FAULT and now.air is answer.air):
+        if answer is Response.REGULATE or now.air is Air.VENT:
+            return False
+        if answer is Response.GRIP_HARDER:
+            if now.phase is Phase.HOLDING:
+                self._grip_harder()
+            elif now.phase is Phase.FAULT:  # what is closed already stays so
+                return False
+        elif now.phase is Phase.FAULT and now.air is answer.air:
             return False
         self._fault(cause, answer.air)
         return True
+
+    def _grip_harder(self) -> None:
+        """Let the chambers that nothing was found of take over what a finger held whose chamber is not to be had.
+
+        A grasp presses about in proportion to its pressures: with one of n fingers less, by n / (n - 1) each.
+        """
+        found = {name for finding in self._findings for name in finding.channels}
+        sound = np.array([name not in found for name in CHANNEL_NAMES])
+        inflated = self._setpoint_pa > 0.0
+        fingers = int(np.count_nonzero(inflated.reshape(FINGER_COUNT, -1).any(axis=1)))
+        harder_pa = np.minimum(self._setpoint_pa * fingers / max(fingers - 1, 1), self._limit_pa)
+        self._setpoint_pa = _read_only(np.where(inflated & sound, harder_pa, self._setpoint_pa))
 
     def _while_grasping(self) -> None:
         holding = self._situation.phase is Phase.HOLDING
@@ -631,7 +650,7 @@ class Arbiter:
         """Return why a grasp asked for by ``source`` must not start now, or None."""
         now = self._situation
         if now.phase is Phase.FAULT:
-            cure = "call grasp/release, then grasp/reset" if now.air is Air.HOLD else "call grasp/reset"
+            cure = "call grasp/release, then grasp/reset" if now.air is not Air.VENT else "call grasp/reset"
             return f"fault latched ({now.reason}); {cure}"
         if now.phase is Phase.RELEASING:
             return "releasing; ask again once idle"

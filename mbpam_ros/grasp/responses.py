@@ -7,6 +7,8 @@ answer             what happens                                                 
 ================== ============================================================ ===================================
 regulate on        the loops go on; no new grasp begins while the finding       goes on
                    stands
+grip harder        the other chambers take over what that one held, within the  fault, latched; the object stays
+                   limit; the loops go on
 hold               all valves closed                                            fault, latched; the object stays
 vent that channel  that valve vents, all others are closed                      fault, latched; the object may stay
 cut the supply     supply shut and dumped, all valves closed                    fault, latched; the object may stay
@@ -32,6 +34,7 @@ class Response(Enum):
     """What answers a fault; the later one wins where several are called for."""
 
     REGULATE = "regulate on"
+    GRIP_HARDER = "grip harder"
     HOLD = "hold"
     VENT_CHANNEL = "vent that channel"
     CUT_SUPPLY = "cut the supply"
@@ -45,6 +48,7 @@ class Response(Enum):
 
 _AIR = {
     Response.REGULATE: Air.REGULATE,
+    Response.GRIP_HARDER: Air.REGULATE,
     Response.HOLD: Air.HOLD,
     Response.VENT_CHANNEL: Air.HOLD,
     Response.CUT_SUPPLY: Air.HOLD,
@@ -59,9 +63,10 @@ def _row(idle: Response, closing: Response, holding: Response, releasing: Respon
 
 
 _ON, _HOLD, _CUT, _VENT = Response.REGULATE, Response.HOLD, Response.CUT_SUPPLY, Response.VENT_ALL
+_HARDER = Response.GRIP_HARDER
 
 RESPONSES: dict[Fault, dict[Phase, Response]] = {
-    Fault.NOT_FOLLOWING: _row(_ON, _VENT, _HOLD, _ON),
+    Fault.NOT_FOLLOWING: _row(_ON, _VENT, _HARDER, _ON),
     Fault.NOT_VENTING: _row(_ON, _VENT, _HOLD, _VENT),
     Fault.JUMPED: _row(_ON, _VENT, _HOLD, _ON),
     Fault.SWAPPED: _row(_ON, _VENT, _HOLD, _ON),
@@ -69,7 +74,7 @@ RESPONSES: dict[Fault, dict[Phase, Response]] = {
     Fault.LEAKS_IN: _row(_VENT, _VENT, _ON, _VENT),
     Fault.LEAK: _row(_ON, _ON, _ON, _ON),
     Fault.LEAK_OR_DRIFT: _row(_ON, _ON, _ON, _ON),
-    Fault.DRIFT: _row(_ON, _VENT, _HOLD, _ON),
+    Fault.DRIFT: _row(_ON, _VENT, _HARDER, _ON),
     Fault.SLOW_VALVE: _row(_ON, _VENT, _HOLD, _ON),
     Fault.NOISY: _row(_ON, _ON, _ON, _ON),
     Fault.SUPPLY_LOW: _row(_ON, _VENT, _HOLD, _ON),

@@ -71,7 +71,7 @@ class _Bench:
         if now.phase in (Phase.CLOSING, Phase.HOLDING):
             return f"{phase}, {now.source.name.lower()}'s"
         if now.phase is Phase.FAULT:
-            return "fault, keeps the object" if now.air is Air.HOLD else "fault, vents"
+            return "fault, vents" if now.air is Air.VENT else "fault, keeps the object"
         return phase
 
 

@@ -78,6 +78,10 @@ CALL_LOOK_S = 0.01
 
 CLEAR_TIMEOUT_S = 1.0
 
+VENT_UNDER_WAY_S = 7.0
+"""A request that a network loses is sent again after 3 s, and maybe once more: until then it may come. Were all reset
+before, it would vent the next grasp."""
+
 WATCHED_NODES = ("pressure_sensor", "valve_controller")
 """Nodes of the same namespace whose faults stop a grasp; without their reports none begins."""
 
@@ -114,6 +118,7 @@ class GraspArbiterNode(GripperNode):
         self._mass_classes = config.grip.mass_classes_kg
         self._vent_latched = False
         self._stopping: StopConfirmation | None = None
+        self._vents_under_way = 0
         self._awaited: list[Callable[[], bool]] = []
 
         self._setpoints = self.create_publisher(JointState, "pressure_setpoints", STREAM)
@@ -279,7 +284,7 @@ class GraspArbiterNode(GripperNode):
         else:
             before_pa = self._arbiter.pressure_gauge_pa
             stopping = self._stopping = StopConfirmation(time.monotonic(), before_pa, self._open_below_gauge_pa)
-            self._call(self._vent, stopping.acknowledge)
+            self._ask_for_vent(stopping.acknowledge)
 
         def answered() -> bool:
             verdict = stopping.verdict(time.monotonic(), self._arbiter.pressure_gauge_pa)
@@ -293,10 +298,18 @@ class GraspArbiterNode(GripperNode):
         self._await(answered)
 
     def _on_reset(self, _: Trigger.Request, reply: Reply) -> None:
-        """Have the vent lifted where it is latched, then reset."""
+        """Have the vent lifted where it is latched, then reset.
+
+        The word that it is latched may be lost on the way here: whoever has a vent to lift is asked in any case.
+        """
         now_s = self.now_s()
-        if not self._vent_latched or self._arbiter.objection_to_reset(now_s) is not None:
+        to_clear = self._arbiter.phase is Phase.FAULT and (self._vent_latched or self._clear.service_is_ready())
+        if not to_clear or self._arbiter.objection_to_reset(now_s) is not None:
             reply(self._said("grasp/reset", self._arbiter.reset(now_s)))
+            return
+        if self._vents_under_way > 0:
+            refusal = "the vent that grasp/stop asked for may still be on its way to valve_controller; ask again"
+            reply(self._said("grasp/reset", Answer(False, refusal)))
             return
         cleared: list[bool] = []
         self._call(self._clear, lambda: cleared.append(True))
@@ -315,25 +328,48 @@ class GraspArbiterNode(GripperNode):
 
         self._await(answered)
 
-    def _call(self, client: Client, done: Callable[[], None]) -> None:
-        """Call a service of the valve controller; ``done`` is called if it says that it has done it."""
+    def _ask_for_vent(self, acknowledge: Callable[[], None]) -> None:
+        """Have the valves vent, and remember that they were asked until they answer."""
+
+        def ended() -> None:
+            self._vents_under_way -= 1
+
+        if self._call(self._vent, acknowledge, VENT_UNDER_WAY_S, ended):
+            self._vents_under_way += 1
+
+    def _call(
+        self,
+        client: Client,
+        done: Callable[[], None],
+        timeout_s: float = CLEAR_TIMEOUT_S,
+        ended: Callable[[], None] = lambda: None,
+    ) -> bool:
+        """Call a service of the valve controller, if it is there; return whether it is.
+
+        Args:
+            done: called if it says that it has done it.
+            timeout_s: for how long the answer counts.
+            ended: called when there is an answer or none comes any more.
+        """
         if not client.service_is_ready():
-            return
+            return False
         future: Any = client.call_async(Trigger.Request())
-        until_s = time.monotonic() + CLEAR_TIMEOUT_S
+        until_s = time.monotonic() + timeout_s
 
         def answered() -> bool:
             if future.done():
                 answer = future.result()
                 if answer is not None and answer.success:
                     done()
-                return True
-            if time.monotonic() > until_s:
+            elif time.monotonic() <= until_s:
+                return False
+            else:
                 client.remove_pending_request(future)
-                return True
-            return False
+            ended()
+            return True
 
         self._await(answered)
+        return True
 
     def _await(self, answered: Callable[[], bool]) -> None:
         self._awaited.append(answered)

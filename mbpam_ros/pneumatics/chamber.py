@@ -27,6 +27,12 @@ from mbpam_ros.errors import MbpamError
 
 Vector = NDArray[np.float64]
 
+AMBIENT_PA = 101325.0
+"""Absolute."""
+
+REFERENCE_PA = 100e3
+"""Absolute, of ISO 8778 (ANR), in whose volume conductances count."""
+
 _STRAIGHT = np.zeros((FINGER_COUNT, 2))
 
 

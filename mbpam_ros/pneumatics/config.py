@@ -20,7 +20,7 @@ class PneumaticsConfig:
     """Everything between the supply and the chambers' measured pressures.
 
     Args:
-        model: pneumatic model of the simulated plant.
+        model: pneumatic model of the simulated plant, and of the valves that observers compare with.
         chamber: supply, valves and chambers of the simulated plant.
         transducer: data sheet of the transducers, simulated or real.
         sensing: how their volts are read.

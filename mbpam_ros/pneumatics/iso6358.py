@@ -32,10 +32,8 @@ from numpy.typing import ArrayLike
 
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT
 from mbpam_ros.actuator.gas_volume import GasVolumeTables, chamber_bend_rad, gas_volume_tables
-from mbpam_ros.pneumatics.chamber import ChamberConfig, PneumaticModel, Vector
+from mbpam_ros.pneumatics.chamber import AMBIENT_PA, REFERENCE_PA, ChamberConfig, PneumaticModel, Vector
 
-AMBIENT_PA = 101325.0
-REFERENCE_PA = 100e3
 LAMINAR_RATIO = 0.995
 _TOLERANCE_PA = 1e-6
 _LEAST_PA = 1.0

@@ -1,11 +1,11 @@
 r"""Sixteen observers: does a channel's reading move as its valve and the supply allow?
 
-The valve and chamber assumed are those of the feed-forward (:mod:`~mbpam_ros.pneumatics.controller`): at the opening s
-the pressure moves at s (p_s - p) / tau to fill and s p / tau to vent. A sound machine may be slower or faster by the
-factors k_low and k_high, so that over an interval the reading moves by no less than l dt and no more than h dt, with
+The valve and chamber assumed (:mod:`~mbpam_ros.pneumatics.assumed_valve`) move the pressure at the opening s by s f(p)
+to fill and s v(p) to vent. A sound machine may be slower or faster by the factors k_low and k_high, so that over an
+interval the reading moves by no less than l dt and no more than h dt, with
 
-    h = k_high s (p_s - p) / tau for s > 0, -k_low |s| p / tau for s < 0,
-    l = k_low  s (p_s - p) / tau for s > 0, -k_high |s| p / tau for s < 0,
+    h = k_high s f(p) for s > 0, -k_low |s| v(p) for s < 0,
+    l = k_low  s f(p) for s > 0, -k_high |s| v(p) for s < 0,
 
 s being the greatest, for l the least, opening commanded in the time that a command takes to show in a reading
 (``lag_time_s``: spool, filter, a sample or two of transport). What the reading does beyond that is summed, with a slack
@@ -14,9 +14,10 @@ c a second taken off (a one-sided cumulative sum, Page 1954):
     U <- max(0, U + dp - h dt - c dt),    D <- max(0, D + l dt - dp - c dt).
 
 A sum telescopes, so that white noise of the reading does not add up in it, and a threshold is compared with pressure
-itself: what a fault must have moved, or failed to move, before it is named. A channel that does not follow is first
-closed and looked at: a leak then goes on falling, a slow valve goes on filling, and what neither does is a valve that
-stays closed or a transducer that stands still.
+itself: what a fault must have moved, or failed to move, before it is named. Where the chambers have a volume, their
+muscle's bend can move the pressure too, back and forth but not on and on: what it can is added to the thresholds. A
+channel that does not follow is first closed and looked at: a leak then goes on falling, a slow valve goes on filling,
+and what neither does is a valve that stays closed or a transducer that stands still.
 
 Slower than the slack, with the valve closed: the slope of the reading over all stretches in which the valve was closed,
 by least squares with a mean of its own for each stretch, and what the valve has had to add, times k_low. Noise: mean
@@ -40,7 +41,9 @@ from numpy.typing import NDArray
 
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, CHANNEL_NAMES, same_finger
 from mbpam_ros.configuration import require_positive
+from mbpam_ros.pneumatics.assumed_valve import AssumedValve
 from mbpam_ros.pneumatics.findings import SUPPLY, Fault, Finding
+from mbpam_ros.pneumatics.sensing import SensingConfig
 from mbpam_ros.pneumatics.transducer import TransducerConfig
 
 Vector = NDArray[np.float64]
@@ -52,6 +55,7 @@ _DOUBT_S = 0.5
 _GREATEST_LEAK_1_S = 2.0
 _NOMINAL_TICK_S = 0.01
 _SLOW_TICKS = 5
+_LEAST_FALL_PA_S = 10e3
 
 
 @dataclass(frozen=True)
@@ -105,27 +109,22 @@ class ObserverConfig:
 
 
 @dataclass(frozen=True)
-class AssumedValve:
-    """The valve and reading that the observer compares with.
+class ReadingNoise:
+    """The noise of a sound reading.
 
     Args:
-        supply_gauge_pa: p_s.
-        time_constant_s: tau.
-        least_drop_pa: the fastest rates are bounded with at least this pressure difference.
         noise_pa: data sheet noise of one raw sample.
         cutoff_hz: of the low-pass between sample and reading.
     """
 
-    supply_gauge_pa: float
-    time_constant_s: float
-    least_drop_pa: float
     noise_pa: float
     cutoff_hz: float
 
     @staticmethod
-    def noise_of(transducer: TransducerConfig) -> float:
-        """Return the noise of one converted sample [Pa], quantisation included."""
-        return transducer.gain_pa_v * math.sqrt(transducer.noise_v**2 + transducer.resolution_v**2 / 12.0)
+    def of(transducer: TransducerConfig, sensing: SensingConfig) -> ReadingNoise:
+        """Return that of a transducer and what reads it, quantisation included."""
+        noise_v = math.sqrt(transducer.noise_v**2 + transducer.resolution_v**2 / 12.0)
+        return ReadingNoise(transducer.gain_pa_v * noise_v, sensing.cutoff_hz)
 
 
 _NAMED_AT_ONCE = (
@@ -173,10 +172,10 @@ class Observer:
     Each tick: :meth:`update` with the reading, then :meth:`commanded` with the openings that follow from it.
     """
 
-    def __init__(self, config: ObserverConfig, valve: AssumedValve) -> None:
-        self._config, self._valve = config, valve
-        alpha = -math.expm1(-2.0 * math.pi * valve.cutoff_hz * _NOMINAL_TICK_S)
-        self._filtered_noise_pa2 = valve.noise_pa**2 * alpha / (2.0 - alpha)
+    def __init__(self, config: ObserverConfig, valve: AssumedValve, noise: ReadingNoise) -> None:
+        self._config, self._valve, self._noise = config, valve, noise
+        alpha = -math.expm1(-2.0 * math.pi * noise.cutoff_hz * _NOMINAL_TICK_S)
+        self._filtered_noise_pa2 = noise.noise_pa**2 * alpha / (2.0 - alpha)
         self._sound_noise_pa = math.sqrt(self._filtered_noise_pa2)
         self.begin_anew()
 
@@ -199,6 +198,9 @@ class Observer:
         self._margin_pa: Vector = np.zeros(n)
         self._ticks = 0
         self._leak_1_s = np.zeros(n)
+        self._drawn = 0.0
+        self._bent_pa: Vector = np.zeros(n)
+        self._falling_s = np.zeros(n)
         self._rises: dict[int, float] = {}
         self._looks: dict[int, _Look] = {}
         self._forget_course()
@@ -215,6 +217,7 @@ class Observer:
         self._gone, self._come = np.zeros(n), np.zeros(n)
         self._slope = _Slopes()
         self._effort_pa, self._effort_from_pa, self._effort_s = np.zeros(n), np.full(n, np.nan), 0.0
+        self._in_vain_pa = np.zeros(n)
         self._unexplained_pa = np.zeros(n)
 
     @property
@@ -275,16 +278,17 @@ class Observer:
         return np.asarray(self._readings[-ticks:].mean(axis=0))
 
     def aim(self, target_gauge_pa: Vector, time_s: float) -> None:
-        """Take the set-points, shape (16,): slopes and efforts of channels with a new one start anew."""
+        """Take the set-points, shape (16,): what is slow starts anew in fingers that are told to move."""
         if self._targets is None:
             self._targets = np.full(CHANNEL_COUNT, np.nan)
         new = target_gauge_pa != self._targets
         if new.any():
             self._targets = target_gauge_pa.copy()
             self.aimed_at_s[new] = time_s
-            self._settled_at_s[new] = time_s + self._config.settle_time_s
             self._filled[new] = self._filling[new] = 0.0
-            self._forget_slow(new)
+            moving = np.repeat(new.reshape(-1, CHAMBERS_PER_FINGER).any(axis=1), CHAMBERS_PER_FINGER)
+            self._settled_at_s[moving] = time_s + self._config.settle_time_s
+            self._forget_slow(moving)
 
     def commanded(self, spool: Vector) -> None:
         """Take the openings, shape (16,), that hold until the next update."""
@@ -336,40 +340,59 @@ class Observer:
         up = self._up + course.moved - (most + config.move_slack_pa_s) * dt_s
         slack = np.where(course.low > 0.0, config.follow_slack_pa_s, config.move_slack_pa_s)
         down = self._down + (least - slack) * dt_s - course.moved
-        bound = 2.0 * config.move_threshold_pa + 12.0 * self._sigma_pa  # what stands must be able to go
+        self._bent_pa = self._valve.bend_pa(course.last)
+        # What stands must be able to go.
+        bound = 2.0 * (config.move_threshold_pa + self._bent_pa) + 12.0 * self._sigma_pa
         self._up, self._down = np.minimum(np.maximum(up, 0.0), bound), np.minimum(np.maximum(down, 0.0), bound)
         if course.valid is not _ALL:
             self._up[~course.valid] = self._down[~course.valid] = 0.0
 
     def _allowed(self, course: _Course) -> tuple[Vector, Vector]:
         """Return the greatest and the least rate that openings allow, shape (16,) each; learn the valves' rates."""
-        config, valve = self._config, self._valve
+        config = self._config
         low, high, last = course.low, course.high, course.last
         self._fills[:-1] = self._fills[1:]
         self._fills[-1] = 0.0
         if not (low.any() or high.any()):
             return _ZEROS, _ZEROS
-        slowest, drop = config.slowest_ratio / valve.time_constant_s, valve.supply_gauge_pa - last
         fill_most, vent_most = self._fastest_pa_s(last)
-        margin = config.move_threshold_pa
+        slowest, margin = config.slowest_ratio, config.move_threshold_pa
         supplied = self._supplied
-        fill_least = slowest * np.maximum(drop - margin, 0.0) if supplied else _ZEROS
-        vent_least = slowest * np.maximum(last - margin, 0.0)
+        supply_pa = self._draw(high, course.dt_s)
+        fill_least = slowest * self._fill_pa_s(last + margin, supply_pa) if supplied else _ZEROS
+        vent_least = slowest * np.maximum(self._vent_pa_s(last - margin), 0.0)
         most = np.where(high > 0.0, high * fill_most, high * vent_least)
         least = np.where(low < 0.0, low * vent_most, low * fill_least)
         filling = (low > 0.05) & course.valid
         if not supplied:  # what is open to an empty manifold flows back
             least -= np.maximum(high, 0.0) * vent_most
         elif filling.any():
-            self._learn(filling, low * np.maximum(drop, 0.0) / valve.time_constant_s * course.dt_s, course.moved)
+            self._learn(filling, low * self._fill_pa_s(last, supply_pa) * course.dt_s, course.moved)
         return most, least
+
+    def _fill_pa_s(self, pressure_pa: Vector, supply_pa: float) -> Vector:
+        """Return how fast a valve fully open fills, shape (16,), as far as a reading can follow a chamber so stiff."""
+        shown = np.maximum(supply_pa - pressure_pa, 0.0) / self._config.lag_time_s
+        return np.minimum(self._valve.fill_pa_s(pressure_pa, supply_pa), shown)
+
+    def _vent_pa_s(self, pressure_pa: Vector) -> Vector:
+        """Return the same of one that vents; what is below ambient by its noise comes back as fast."""
+        above_pa = np.abs(pressure_pa)
+        rate = np.minimum(self._valve.vent_pa_s(above_pa), above_pa / self._config.lag_time_s)
+        return np.copysign(rate, pressure_pa)
+
+    def _draw(self, high: Vector, dt_s: float) -> float:
+        """Return the lowest that the supply can be [Pa gauge]: it comes down at once, and fills again in its time."""
+        opening = float(np.maximum(high, 0.0).sum())
+        self._drawn = max(opening, self._drawn * math.exp(-dt_s / self._valve.refill_time_s))
+        return self._valve.drawn_supply_gauge_pa(self._drawn)
 
     def _fastest_pa_s(self, last: Vector) -> tuple[Vector, Vector]:
         """Return how fast the fastest sound valve fills and vents when fully open, shape (16,) each."""
-        valve = self._valve
-        fastest = self._config.fastest_ratio / valve.time_constant_s
-        fill = fastest * np.maximum(valve.supply_gauge_pa - last, valve.least_drop_pa)
-        return fill, fastest * np.maximum(last, valve.least_drop_pa)
+        valve, fastest = self._valve, self._config.fastest_ratio
+        highest_pa = valve.supply_gauge_pa - valve.least_drop_pa
+        fill = fastest * valve.fill_pa_s(np.minimum(last, highest_pa), valve.supply_gauge_pa)
+        return fill, fastest * valve.vent_pa_s(np.maximum(last, valve.least_drop_pa))
 
     def _learn(self, filling: Mask, fill_pa: Vector, moved: Vector) -> None:
         """Compare what valves filled with what they should have, over a whole grasp."""
@@ -391,13 +414,14 @@ class Observer:
         """Follow the noise, every second sample; a sample's share is bounded, so that one jump does not make it."""
         second = self._readings[-1] - 2.0 * self._readings[-2] + self._readings[-3]
         calm = np.isfinite(second)
-        alpha = -math.expm1(-2.0 * math.pi * self._valve.cutoff_hz * course.dt_s)
+        alpha = -math.expm1(-2.0 * math.pi * self._noise.cutoff_hz * course.dt_s)
         share = 6.0 - 8.0 * (1.0 - alpha) + 2.0 * (1.0 - alpha) ** 2
         sample = np.minimum(second * second / share, 100.0 * self._noise_pa2)
         swing = course.high - course.low
         if swing.any():  # what the valve itself can bend the reading by
-            fastest = self._config.fastest_ratio / self._valve.time_constant_s * course.dt_s
-            bent = swing * fastest * np.maximum(self._valve.supply_gauge_pa - course.last, course.last)
+            valve, fastest = self._valve, self._config.fastest_ratio * course.dt_s
+            fill_pa_s = valve.fill_pa_s(course.last, valve.supply_gauge_pa)
+            bent = swing * fastest * np.maximum(fill_pa_s, valve.vent_pa_s(course.last))
             sample = np.maximum(sample - bent * bent / share, 0.0)
         if not calm.all():
             sample = np.where(calm, sample, self._noise_pa2)
@@ -412,7 +436,7 @@ class Observer:
     # Fast faults
 
     def _judge(self, course: _Course) -> None:
-        config, margin = self._config, self._margin_pa
+        config, margin = self._config, self._margin_pa + self._bent_pa
         if np.abs(course.moved).max() > config.jump_threshold_pa:
             self._judge_jumps(course)
         if self._up.max() > config.move_threshold_pa or self._down.max() > config.follow_threshold_pa:
@@ -422,12 +446,26 @@ class Observer:
                 self._suspect_rise(int(risen), course.high)
             for fallen in np.flatnonzero((self._down > least + margin) & ~known):
                 self._suspect_fall(int(fallen), course.low, course.high)
+        self._judge_leaks(course)
         for channel in list(self._rises):
             if channel in self._rises:
                 self._judge_rise(channel)
         for channel in list(self._looks):
             if channel in self._looks:
                 self._judge_look(channel)
+
+    def _judge_leaks(self, course: _Course) -> None:
+        """Name a leak that its valve, far open, cannot stop: such a valve does not fill."""
+        leaks = self.channels(Fault.LEAK) & ~self.channels(Fault.NOT_FOLLOWING)
+        if not leaks.any():
+            self._falling_s[:] = 0.0
+            return
+        falling = _MOMENT @ self._readings[-_MOMENT.size :] < -_LEAST_FALL_PA_S * self._interval_s * (_MOMENT @ _MOMENT)
+        stays = leaks & falling & (course.low > 0.5)
+        self._falling_s = np.where(stays, self._falling_s + course.dt_s, 0.0)
+        for channel in map(int, np.flatnonzero(self._falling_s > self._config.look_time_s)):
+            evidence = f"goes on falling though its valve fills, at {self._kpa(channel)} kPa"
+            self._find(Fault.NOT_FOLLOWING, (channel,), evidence, 0.99)
 
     def _judge_jumps(self, course: _Course) -> None:
         fill_pa_s, vent_pa_s = self._fastest_pa_s(course.last)
@@ -565,7 +603,7 @@ class Observer:
         self._come = np.maximum(0.0, self._come + moved - allowed)
         self._slope.add(self._readings[-1], _SLOW_TICKS * course.dt_s, counts)
         # What moves fast is left to the other sums.
-        moves = (np.maximum(self._gone, self._come) > 1500.0 + 8.0 * self._sigma_pa) & (
+        moves = (np.maximum(self._gone, self._come) > 1500.0 + 8.0 * self._sigma_pa + self._bent_pa) & (
             np.maximum(self._up, self._down) < 500.0
         )
         steadily = self._slope.steady(config.slow_rate_pa_s, self._sigma_pa)
@@ -588,8 +626,8 @@ class Observer:
         config = self._config
         opening = self._low[-2]
         if opening.any():
-            drop = np.where(opening > 0.0, self._valve.supply_gauge_pa - course.last, course.last)
-            added = opening * np.maximum(drop, 0.0) / self._valve.time_constant_s * course.dt_s
+            fill_pa_s = self._fill_pa_s(course.last, self._valve.drawn_supply_gauge_pa(self._drawn))
+            added = opening * np.where(opening > 0.0, fill_pa_s, self._vent_pa_s(course.last)) * course.dt_s
             self._effort_pa += added
             self._judge_unexplained(added)
         self._effort_s += course.dt_s
@@ -599,7 +637,10 @@ class Observer:
         lost = config.slowest_ratio * self._effort_pa - (self._readings[-1] - self._effort_from_pa)
         here = settled & self._unnamed & np.isfinite(self._effort_from_pa)
         worked = here & (np.abs(self._effort_pa) > 3e3)
-        in_vain = worked & (np.sign(self._effort_pa) * lost > 1.0e3)
+        toward = np.sign(self._effort_pa)
+        in_vain_pa = np.maximum(toward * self._in_vain_pa, 0.0) + np.where(worked, toward * lost, 0.0) - 1.0e3
+        in_vain = worked & (in_vain_pa > self._bent_pa)
+        self._in_vain_pa = np.where(here, toward * np.maximum(in_vain_pa, 0.0), 0.0)
         filled = worked & (self._effort_pa > 0.0)
         if np.count_nonzero(filled) > 1 and (in_vain | ~filled).all():
             self._find_supply(f"all {np.count_nonzero(filled)} channels that filled gained less than they must", 0.95)
@@ -626,14 +667,15 @@ class Observer:
         ratio2 = self._lasting_noise_pa2 / self._filtered_noise_pa2
         loud = (ratio2 > self._config.noise_ratio**2) & settled & ~self.channels(Fault.NOISY)
         for channel in np.flatnonzero(loud):
-            raw_pa = self._sigma_pa[channel] / self.sound_noise_pa * self._valve.noise_pa
-            evidence = f"noise of {raw_pa:.0f} Pa, the data sheet has {self._valve.noise_pa:.0f} Pa"
+            raw_pa = self._sigma_pa[channel] / self.sound_noise_pa * self._noise.noise_pa
+            evidence = f"noise of {raw_pa:.0f} Pa, the data sheet has {self._noise.noise_pa:.0f} Pa"
             self._find(Fault.NOISY, (int(channel),), evidence, 0.99)
 
     def _forget_slow(self, channels: Mask) -> None:
         self._gone[channels] = self._come[channels] = 0.0
         self._slope.forget(channels)
-        self._effort_pa[channels], self._effort_from_pa[channels] = 0.0, np.nan
+        self._effort_pa[channels] = self._in_vain_pa[channels] = 0.0
+        self._effort_from_pa[channels] = np.nan
         self._unexplained_pa[channels] = 0.0
 
     # What stands
@@ -686,7 +728,7 @@ class Observer:
             self._find(Fault.LEAK, (channel,), evidence, 0.95)
             self._leak_1_s[channel] = 1.0 / tau_s
         elif rate_pa_s > self._config.drift_limit_pa_s:
-            vents_pa_s = self._config.slowest_ratio * self._readings[-1, channel] / self._valve.time_constant_s
+            vents_pa_s = self._config.slowest_ratio * float(self._valve.vent_pa_s(self._readings[-1])[channel])
             fault = Fault.LEAKS_IN if rate_pa_s < 0.5 * vents_pa_s else Fault.RISES
             self._find(fault, (channel,), f"gains {1e-3 * rate_pa_s:.1f} kPa/s {how}", 0.95)
         else:

@@ -25,13 +25,16 @@ from numpy.typing import NDArray
 
 from mbpam_ros.actuator.chambers import CHAMBERS_PER_FINGER, CHANNEL_COUNT, same_finger
 from mbpam_ros.configuration import require_positive
+from mbpam_ros.pneumatics.assumed_valve import AssumedValve
 from mbpam_ros.pneumatics.findings import Fault
-from mbpam_ros.pneumatics.observer import AssumedValve, Observer
+from mbpam_ros.pneumatics.observer import Observer
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MEAN_TICKS = 5
+LEAST_DROP_PA = 1e4
+"""A valve is taken to have at least this pressure difference."""
 _LEARNT_SHARE = 0.5
 _LEAST_ANSWER, _GREATEST_ANSWER = 0.35, 2.5
 
@@ -104,9 +107,14 @@ class Prober:
         step = int((since_s + 1e-9) / config.wait_time_s)
         if since_s - step * config.wait_time_s >= config.pulse_time_s - 1e-9 or step > 1:
             return np.zeros(CHANNEL_COUNT)
-        drop = self._valve.supply_gauge_pa - pressure_gauge_pa if step == 0 else pressure_gauge_pa
-        rate = self._answer * self._observer.gain * np.maximum(drop, 1e4) / self._valve.time_constant_s
-        opening = np.minimum(config.pulse_pa / (config.pulse_time_s * rate), 1.0)
+        valve = self._valve
+        if step == 0:
+            supply_pa = valve.supply_gauge_pa
+            rate = valve.fill_pa_s(np.minimum(pressure_gauge_pa, supply_pa - LEAST_DROP_PA), supply_pa)
+        else:
+            rate = valve.vent_pa_s(np.maximum(pressure_gauge_pa, LEAST_DROP_PA))
+        wanted = config.pulse_pa / (self._answer * self._observer.gain * config.pulse_time_s)
+        opening = np.minimum(wanted / rate, 1.0)
         return np.where(self._channels, opening if step == 0 else -opening, 0.0)
 
     def _begin(self, time_s: float, ready: Mask, at_once: bool) -> None:

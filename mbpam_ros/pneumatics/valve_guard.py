@@ -26,10 +26,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES
 from mbpam_ros.pneumatics.air_switch import AirSwitch
+from mbpam_ros.pneumatics.assumed_valve import assumed_valve
 from mbpam_ros.pneumatics.config import PneumaticsConfig
 from mbpam_ros.pneumatics.controller import PressureController, ValveFault
 from mbpam_ros.pneumatics.findings import Fault, Finding
-from mbpam_ros.pneumatics.observer import AssumedValve, Observer
+from mbpam_ros.pneumatics.observer import Observer, ReadingNoise
 from mbpam_ros.pneumatics.probing import Prober
 from mbpam_ros.pneumatics.supply_valve import SupplyValve
 
@@ -67,6 +68,7 @@ class GuardedValves:
         pressure_limit_gauge_pa: greatest set-point accepted.
         over_pressure_gauge_pa: a chamber above this vents at once.
         switched_on: whether the operator has the air on from the start.
+        model: the pneumatic model that the machine is like; by default that of the configuration.
 
     Attributes:
         controller: the loops.
@@ -82,18 +84,13 @@ class GuardedValves:
         pressure_limit_gauge_pa: float,
         over_pressure_gauge_pa: float,
         switched_on: bool = False,
+        model: str | None = None,
     ) -> None:
         loops = config.controller
-        valve = AssumedValve(
-            supply_gauge_pa=loops.supply_gauge_pa,
-            time_constant_s=loops.fill_time_constant_s,
-            least_drop_pa=loops.least_drop_pa,
-            noise_pa=AssumedValve.noise_of(config.transducer),
-            cutoff_hz=config.sensing.cutoff_hz,
-        )
+        valve = assumed_valve(model or config.model, config.chamber, loops)
         self.controller = PressureController(loops, pressure_limit_gauge_pa, over_pressure_gauge_pa)
         self.switch = AirSwitch(self.controller, switched_on)
-        self._observer = Observer(config.observer, valve)
+        self._observer = Observer(config.observer, valve, ReadingNoise.of(config.transducer, config.sensing))
         self._prober = Prober(config.probing, valve, self._observer)
         self._supply = SupplyValve()
         self._supply.open = switched_on

@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import GoalResponse
 from rclpy.executors import await_or_execute
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -518,8 +519,9 @@ def test_a_detection_counts_from_its_picture_not_from_its_arrival(grasp):
 class Valves:
     """A valve controller's services and state, in the test's hands."""
 
-    def __init__(self, grasp):
+    def __init__(self, grasp, tells_state=True):
         node = grasp.graph.test_node
+        self.tells_state = tells_state
         self.state = node.create_publisher(DiagnosticStatus, "valve_controller/state", LATCHED)
         self.calls = []
         for name in ("vent", "clear"):
@@ -532,7 +534,8 @@ class Valves:
         return response
 
     def latch(self, reason):
-        self.state.publish(DiagnosticStatus(values=[KeyValue(key="vent_latched", value=reason)]))
+        if self.tells_state:
+            self.state.publish(DiagnosticStatus(values=[KeyValue(key="vent_latched", value=reason)]))
 
 
 def test_a_stop_is_answered_with_what_the_valves_and_the_pressures_confirm(grasp):
@@ -562,6 +565,28 @@ def test_a_reset_has_the_vent_at_the_valves_lifted_and_a_vent_there_is_a_fault_h
     grasp.tick_until(lambda: grasp.call("reset").success, "a reset accepted")
     assert valves.calls == ["clear"]
     grasp.tick_until(lambda: grasp.phase == "idle", "idle")
+
+
+def test_a_vent_of_which_no_word_came_is_lifted_by_a_reset_too(grasp):
+    valves = Valves(grasp, tells_state=False)
+    grasp.hold()
+    assert grasp.node._vent.wait_for_service(5.0)
+    grasp.call("stop")
+    grasp.tick_until(lambda: grasp.call("reset").success, "a reset accepted")
+    assert valves.calls == ["vent", "clear"]
+
+
+def test_a_reset_waits_for_the_answer_to_a_vent_that_may_still_come(grasp):
+    """A request lost on the network comes seconds later: it must not vent the grasp after the reset."""
+    valves, lost = Valves(grasp), Future()
+    grasp.node._vent = SimpleNamespace(service_is_ready=lambda: True, call_async=lambda _: lost)
+    grasp.hold()
+    assert grasp.node._clear.wait_for_service(5.0)
+    grasp.call("stop")
+    grasp.tick_until(lambda: "on its way to valve_controller" in grasp.call("reset").message, "the refusal")
+    lost.set_result(Trigger.Response(success=True))
+    grasp.tick_until(lambda: grasp.call("reset").success, "a reset accepted")
+    assert valves.calls == ["clear"]
 
 
 def test_a_vent_latched_at_the_valves_stands_for_an_arbiter_started_anew(graph):

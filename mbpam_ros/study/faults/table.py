@@ -25,16 +25,16 @@ def settings() -> dict[str, object]:
 
 
 def trial_jobs(
-    rows: Sequence[FaultRow], tiers: Sequence[str], trials: int
-) -> dict[str, tuple[str, str, PhaseName, str, int]]:
+    rows: Sequence[FaultRow], tiers: Sequence[str], trials: int, pneumatics: str
+) -> dict[str, tuple[str, str, PhaseName, str, int, str]]:
     """Return what :func:`~mbpam_ros.study.faults.trial.trial_row` is given for each trial, by name."""
     return {
-        name: (name, row.name, phase, tier, SEED + number)
+        name: (name, row.name, phase, tier, SEED + number, pneumatics)
         for row in rows
         for phase in row.phases
         for tier in tiers
         for number in range(trials)
-        for name in (f"{row.name}, {phase}, {tier}, {number}",)
+        for name in (f"{row.name}, {phase}, {tier}, {pneumatics}, {number}",)
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class Course:
     """What came of a trial; times from the fault's beginning.
 
     Args:
-        fault, phase, tier, scene, channel, size: what was tried.
+        fault, phase, tier, pneumatics, scene, channel, size: what was tried.
         detected_by: observer, sensor or arbiter; empty for nobody.
         detect_s: time until somebody said so.
         right_channel: whether those named first are those at fault.
@@ -52,6 +52,7 @@ class Course:
     fault: str
     phase: str
     tier: str
+    pneumatics: str
     scene: str
     channel: str
     size: float
@@ -70,13 +71,13 @@ class Course:
     findings: list[str] = field(default_factory=list)
 
 
-def trial_row(name: str, row_name: str, phase: PhaseName, tier: str, seed: int) -> dict:
+def trial_row(name: str, row_name: str, phase: PhaseName, tier: str, seed: int, pneumatics: str = "lag") -> dict:
     """Return what came of one trial as plain values, with its name as ``job``; the same arguments give the same."""
     row = row_named(row_name)
     random = np.random.default_rng([seed, zlib.crc32(f"{row_name}, {phase}".encode())])
     scene_name = str(random.choice(SCENES))
     scene, request = load_scene(scene_name)
-    simulation = Simulation(scene, request.in_tier(tier), seed=seed)
+    simulation = Simulation(scene, replace(request.in_tier(tier), pneumatics=pneumatics), seed=seed)
     simulation.run(_REST_S)
     start_m = _height_m(simulation)
     if phase != "idle":
@@ -92,7 +93,7 @@ def trial_row(name: str, row_name: str, phase: PhaseName, tier: str, seed: int) 
         simulation.run(TICK_S * round((_LIFT_S + random.uniform(0.0, 2.0)) / TICK_S))
     fault = row.draw(random, inflated)
     channel = SUPPLY if fault.kind == "supply" else CHANNEL_NAMES[fault.channel]
-    course = Course(row_name, phase, tier, scene_name, channel, fault.size)
+    course = Course(row_name, phase, tier, pneumatics, scene_name, channel, fault.size)
     try:
         _watch(simulation, fault, row, course)
         if phase == "holding":
@@ -166,8 +167,10 @@ def _answer(simulation: Simulation) -> str:
         return Response.REGULATE.value
     if decision.air is Air.VENT:
         return Response.VENT_ALL.value
+    if decision.air is Air.REGULATE:
+        return Response.GRIP_HARDER.value
     answer, _ = respond(simulation.findings, Phase.FAULT)
-    return Response.HOLD.value if answer is Response.REGULATE else answer.value
+    return answer.value if answer.air is Air.HOLD else Response.HOLD.value
 
 
 def _go_back(simulation: Simulation, course: Course) -> None:

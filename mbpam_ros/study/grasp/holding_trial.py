@@ -26,8 +26,8 @@ from mbpam_ros.plant.fidelity import FidelityRequest
 from mbpam_ros.plant.plant import Observation
 from mbpam_ros.plant.scene import Scene
 from mbpam_ros.plant.tiers.base import PlantDivergedError
+from mbpam_ros.pneumatics.chamber import AMBIENT_PA
 from mbpam_ros.pneumatics.config import PneumaticsConfig, load_pneumatics
-from mbpam_ros.pneumatics.iso6358 import AMBIENT_PA
 from mbpam_ros.simulation import TICK_S, Simulation
 from mbpam_ros.study.grasp.drawn_grasps import drawn_grasp
 from mbpam_ros.study.grasp.trial import HELD_SHARE

@@ -1,5 +1,7 @@
 """What answers a fault: every row of the table, as the arbiter does it, and the way back that is the same for all."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -19,9 +21,9 @@ CELLS = [(fault, phase) for fault, row in RESPONSES.items() for phase in row]
 class Grasp:
     """An arbiter with its clock, brought to a phase."""
 
-    def __init__(self, phase):
+    def __init__(self, phase, config=CONFIG.arbitration):
         selector = ModeSelector(CONFIG.selection, GRIPPER, MODES)
-        self.arbiter = Arbiter(CONFIG.arbitration, MODES, selector, GRIPPER.pressure_limit_gauge_pa, 120e3)
+        self.arbiter = Arbiter(config, MODES, selector, GRIPPER.pressure_limit_gauge_pa, 120e3)
         self.time_s = 0.0
         self.pass_time(0.1, np.zeros(16))
         if phase is not Phase.IDLE:
@@ -98,12 +100,31 @@ def test_the_gravest_of_several_answers_wins_whatever_their_order():
     assert respond((), Phase.HOLDING) == (Response.REGULATE, "")
 
 
-def test_what_a_fault_holds_is_vented_by_a_graver_one():
-    grasp = Grasp(Phase.HOLDING)
+@pytest.mark.parametrize(("grip_pa", "harder_pa"), [(60e3, 80e3), (100e3, GRIPPER.pressure_limit_gauge_pa)])
+def test_the_other_fingers_take_over_what_one_held_within_the_limit(grip_pa, harder_pa):
+    pressures = dataclasses.replace(CONFIG.arbitration.grip_pressure_gauge_pa, envelope=grip_pa)
+    grasp = Grasp(Phase.HOLDING, dataclasses.replace(CONFIG.arbitration, grip_pressure_gauge_pa=pressures))
+    before_pa = grasp.decision.setpoint_gauge_pa
     grasp.find(Fault.NOT_FOLLOWING)
-    assert grasp.decision.air is Air.HOLD
-    grasp.find(Fault.NOT_FOLLOWING, Fault.OVER_PRESSURE)
-    assert grasp.decision.air is Air.VENT
+    for _ in range(2):  # once, however long the finding stands
+        after_pa = grasp.decision.setpoint_gauge_pa
+        np.testing.assert_allclose(after_pa[1:], np.where(before_pa[1:] > 0.0, harder_pa, 0.0))
+        assert after_pa[0] == before_pa[0]
+        grasp.find(Fault.NOT_FOLLOWING)
+    refusal = grasp.arbiter.reset(grasp.time_s)
+    assert not refusal.accepted and "call grasp/release first" in refusal.reason
+
+
+def test_what_a_fault_keeps_is_closed_or_vented_by_a_graver_one_and_never_opened_again():
+    grasp = Grasp(Phase.HOLDING)
+    for found, air in (
+        ((Fault.NOT_FOLLOWING,), Air.REGULATE),
+        ((Fault.NOT_FOLLOWING, Fault.SUPPLY_LOW), Air.HOLD),
+        ((Fault.NOT_FOLLOWING,), Air.HOLD),
+        ((Fault.NOT_FOLLOWING, Fault.OVER_PRESSURE), Air.VENT),
+    ):
+        grasp.find(*found)
+        assert grasp.decision.air is air
 
 
 def test_pressure_in_an_idle_chamber_keeps_a_grasp_from_starting():

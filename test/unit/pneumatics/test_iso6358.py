@@ -8,8 +8,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from mbpam_ros.actuator.gas_volume import chamber_bend_rad, gas_volume_tables
+from mbpam_ros.pneumatics.chamber import AMBIENT_PA
 from mbpam_ros.pneumatics.config import load_pneumatics
-from mbpam_ros.pneumatics.iso6358 import AMBIENT_PA, gas_amount, orifice_flow, volume_rows
+from mbpam_ros.pneumatics.iso6358 import gas_amount, orifice_flow, volume_rows
 from mbpam_ros.pneumatics.registry import build_pneumatics
 
 CHAMBER = load_pneumatics().chamber

@@ -1,6 +1,7 @@
 """Loops that see what is wrong with the machine: each fault is named, in time, and a sound machine is left in peace."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -25,12 +26,13 @@ DATA_SHEET_LEAK_1_S = 0.15e3 / 100e3
 class Rig:
     """Guarded valves on a machine without muscles."""
 
-    def __init__(self, config=CONFIG, seed=0, leak_1_s=0.0):
+    def __init__(self, config=CONFIG, seed=0, leak_1_s=0.0, assumed="lag"):
         self.chambers = build_pneumatics(config.model, config.chamber)
         self.transducer = Transducer(config.transducer, CHANNEL_COUNT, seed)
         self.sensing = PressureSensing(config.sensing, config.transducer)
         self.faults = MachineFaults(config.transducer, config.chamber.supply_gauge_pa, seed)
-        self.valves = GuardedValves(CONFIG, 110e3, 120e3, switched_on=True)
+        self.valves = GuardedValves(CONFIG, 110e3, 120e3, switched_on=True, model=assumed)
+        self.bend_rad = np.zeros((4, 2))
         self.leak_1_s = np.full(CHANNEL_COUNT, leak_1_s)
         self.volts = self.transducer.measure(self.pressure_pa)
         self.ticks, self.highest_pa = 0, 0.0
@@ -54,7 +56,7 @@ class Rig:
             reading = self.sensing.update(self.ticks * TICK_S, self.volts).pressure_gauge_pa
             self.command = self.valves.update(self.ticks * TICK_S, reading)
             self.faults.feed(self.chambers, self.command.supply_open)
-            self.chambers.step(self.faults.command(self.command.spool, TICK_S), TICK_S)
+            self.chambers.step(self.faults.command(self.command.spool, TICK_S), TICK_S, self.bend_rad)
             self.faults.seep(self.chambers, TICK_S)
             if self.leak_1_s.any():
                 self.chambers.seep(self.leak_1_s, np.zeros(CHANNEL_COUNT), TICK_S)
@@ -177,6 +179,31 @@ def test_test_pulses_come_to_their_height_with_valves_that_let_little_through_sm
     assert not rig.found
 
 
+def bending(rig, over_s, to_rad):
+    """Have all fingers bend away from their first chamber, evenly, while the loops run."""
+    begun = rig.bend_rad[0, 0]
+    for share in np.linspace(0.0, 1.0, round(over_s / TICK_S)):
+        rig.bend_rad[:, 0] = begun + share * (to_rad - begun)
+        rig.run(TICK_S)
+
+
+@pytest.mark.parametrize("pressure_pa", [60e3, 105e3])
+def test_what_the_bend_of_a_muscle_does_to_its_chambers_is_no_leak_and_a_leak_is_one(pressure_pa):
+    rig = Rig(dataclasses.replace(CONFIG, model="iso6358"), assumed="iso6358")
+    rig.aim(pressure_pa / 100e3 * GRIP)
+    rig.run(2.5)
+    before_pa = rig.pressure_pa[CHANNEL]
+    bending(rig, 0.06, -math.radians(100.0))
+    assert rig.pressure_pa[CHANNEL] < before_pa - 2e3
+    bending(rig, 1.0, -math.radians(100.0))
+    bending(rig, 0.06, -math.radians(20.0))
+    bending(rig, 2.0, -math.radians(20.0))
+    assert not rig.found
+    rig.inject("leak", 2.0)
+    assert rig.run(3.0, until=lambda: rig.found) < 2.5
+    assert rig.found == {(Fault.LEAK, ONE)}
+
+
 def test_a_leak_is_made_up_for_beyond_what_the_integral_may_learn():
     rig = holding()
     rig.inject("leak", 1.0)
@@ -184,6 +211,13 @@ def test_a_leak_is_made_up_for_beyond_what_the_integral_may_learn():
     assert rig.pressure_pa[CHANNEL] == pytest.approx(100e3, abs=2e3)
     (finding,) = rig.valves.findings
     assert "time constant 1." in finding.evidence or "time constant 0.9" in finding.evidence
+
+
+@pytest.mark.parametrize("opening", [0.25, 1.0])
+def test_a_leak_that_its_valve_cannot_stop_is_a_valve_that_does_not_fill(opening):
+    rig = holding()
+    rig.inject("valve_vents", opening)
+    assert rig.run(1.0, until=lambda: (Fault.NOT_FOLLOWING, ONE) in rig.found) < 0.4
 
 
 def test_what_no_one_can_vouch_for_is_not_followed_far():
@@ -232,7 +266,7 @@ def sound_machine(model, slowness, supply_share):
     [*((name, 1.0, 1.0) for name in pneumatic_model_names()), ("lag", 0.6, 1.0), ("lag", 1.7, 1.0), ("lag", 1.0, 0.85)],
 )
 def test_nothing_is_found_of_a_sound_machine_however_it_is_used(model, slowness, supply_share):
-    rig = Rig(sound_machine(model, slowness, supply_share), seed=3, leak_1_s=DATA_SHEET_LEAK_1_S)
+    rig = Rig(sound_machine(model, slowness, supply_share), seed=3, leak_1_s=DATA_SHEET_LEAK_1_S, assumed=model)
     random = np.random.default_rng(5)
     for _ in range(8):
         rig.aim(np.where(random.random(CHANNEL_COUNT) < 0.4, random.uniform(10e3, 110e3, CHANNEL_COUNT), 0.0))
