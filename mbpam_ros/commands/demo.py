@@ -47,6 +47,7 @@ RECORDING_BYTES = 10**9
 
 PATIENCE_S = 10.0
 RETRY_S = 0.25
+WATCHED_HZ = 30.0
 
 
 @dataclass
@@ -64,7 +65,7 @@ class GraspResult:
     hand_says: str
 
 
-def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress) -> GraspResult:
+def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress, watched: bool = False) -> GraspResult:
     """Start the six processes on a scene, grasp its object by the camera's choice, lift, release, and stop them.
 
     Args:
@@ -73,14 +74,17 @@ def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress) 
         tier: how the plant computes the muscles.
         report: where pictures and logs go.
         progress: shows what happens.
+        watched: whether somebody looks at the page: fingers are told as often as it draws them.
 
     Raises:
         NodeSystemError: a stage did not happen.
     """
     if scene.support is None:
         raise NodeSystemError(f"scene {scene.name}: no support to see the object on")
+    smooth = ["-p", f"marker_rate_hz:={WATCHED_HZ}"] if watched else []
     arguments = {
-        "plant": ["-p", f"scene:={name}", "-p", f"tier:={tier}"],
+        "plant": ["-p", f"scene:={name}", "-p", f"tier:={tier}", *smooth],
+        "state_estimator": smooth,
         "object_detector": ["-p", f"support_depth_m:={scene.support.depth_m}"],
     }
     with NodeProcesses(report / scene.name, arguments) as processes:
@@ -293,7 +297,7 @@ def run(options: argparse.Namespace) -> int:
         with _page(options.view):
             for name, scene in scenes.items():
                 try:
-                    grasped.append((scene, grasp(name, scene, options.tier, options.report, progress)))
+                    grasped.append((scene, grasp(name, scene, options.tier, options.report, progress, options.view)))
                 except NodeSystemError as error:
                     failures.append(f"{scene.name}: {error}")
                     progress.say(f"failed: {failures[-1]}")

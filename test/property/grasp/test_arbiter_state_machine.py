@@ -136,9 +136,10 @@ class ArbiterMachine(RuleBasedStateMachine):
     def report_contact(self, touching):
         self.arbiter.observe_contact(self.time_s, touching)
 
-    @rule(name=st.sampled_from([*MODE_NAMES, "hug"]))
-    def request_mode(self, name):
-        self.check_request(self.arbiter.request_mode(name, self.time_s), Source.OPERATOR)
+    @rule(name=st.sampled_from([*MODE_NAMES, "hug"]), asked_pa=st.none() | st.floats(1e3, 2e5))
+    def request_mode(self, name, asked_pa=None):
+        pressure_of = None if asked_pa is None else lambda mode, own_pa: asked_pa
+        self.check_request(self.arbiter.request_mode(name, self.time_s, pressure_of), Source.OPERATOR)
 
     @rule()
     def request_auto(self):

@@ -27,7 +27,7 @@ def grasps(monkeypatch):
     class Grasps(list):
         dropped, failing = (), ()
 
-        def __call__(self, name, scene, tier, report, progress):
+        def __call__(self, name, scene, tier, report, progress, watched):
             self.append((name, tier))
             if scene.name in self.failing:
                 raise NodeSystemError("closing: not within 10 s")
