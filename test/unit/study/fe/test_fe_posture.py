@@ -83,3 +83,10 @@ def test_the_finite_element_muscle_leans_further_under_its_weight():
     upright = upright_tip_angle_rad(law, GEOMETRY)
     assert state.angle_rad * cell.angle_per_muscle < upright < math.pi
     assert law.moment_n_mm[0] < 0.0 < law.moment_n_mm[-1]
+
+
+def test_a_heavier_silicone_weighs_as_more_gravity_does():
+    law = StraightLaw(20.0, 1919.0)
+    heavier = upright_tip_angle_rad(law, GEOMETRY, density_kg_m3=1.5 * SILICONE_DENSITY_KG_M3)
+    assert heavier == pytest.approx(upright_tip_angle_rad(law, GEOMETRY, gravity_factor=1.5), rel=1e-12)
+    assert heavier > upright_tip_angle_rad(law, GEOMETRY)
