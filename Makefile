@@ -8,8 +8,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 JAZZY := .venv-jazzy
-# Python compiles what it imports; to compile all that is installed takes as long as to install it.
+# Python keeps the bytecode of what it imports; to compile all that is installed takes as long as to install it. Where
+# it may not keep it, each of the hundred processes that the tests start compiles numpy, scipy and numba anew.
 PIP_OPTIONS := --quiet --disable-pip-version-check --no-compile
+unexport PYTHONDONTWRITEBYTECODE
 # Fast DDS stays on this machine; nothing joins a multicast group.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
