@@ -58,6 +58,28 @@ def _span(span_s: float) -> str:
     return f"{span_s:.2f} s" if span_s < 100.0 else f"{span_s / 3600.0:.2f} h"
 
 
+class Waiting:
+    """For how long samples have waited to be taken, beyond the least of late: no clocks need to agree for that."""
+
+    _SPAN_S = 5.0
+
+    def __init__(self) -> None:
+        self._least_s = self._least_before_s = math.inf
+        self._until_s = -math.inf
+
+    def late_s(self, stamp_s: float, now_s: float) -> float:
+        """Return by how much more than the least within the last 5 to 10 s a sample is late [s].
+
+        Args:
+            stamp_s: its stamp.
+            now_s: of a clock that nobody sets.
+        """
+        if now_s >= self._until_s:
+            self._least_before_s, self._least_s, self._until_s = self._least_s, math.inf, now_s + self._SPAN_S
+        self._least_s = min(self._least_s, now_s - stamp_s)
+        return now_s - stamp_s - min(self._least_s, self._least_before_s)
+
+
 class StampClock:
     """Time of the samples on one topic, for code that must know how old the last one is.
 

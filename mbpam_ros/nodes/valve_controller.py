@@ -22,7 +22,7 @@ from mbpam_ros.nodes.heartbeat import Instance, places
 from mbpam_ros.nodes.messages import JointStateForm, MessageError, named_values, seconds
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.publishers import rival_publishers
-from mbpam_ros.nodes.stamps import CLOCK_TOLERANCE, StampClock
+from mbpam_ros.nodes.stamps import CLOCK_TOLERANCE, StampClock, Waiting
 from mbpam_ros.pneumatics.air_switch import Air
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.controller import ControllerInputError, SetpointError
@@ -69,6 +69,7 @@ class ValveControllerNode(AirNode):
             raise ConfigError(f"{self.value('gripper')} against {self.value('pneumatics')}: {error}") from error
         self._hold_time_s = config.controller.hold_time_s
         self._clock_of_pressures = StampClock(config.controller.watchdog_s, self.number("clock_tolerance_s"))
+        self._waiting = Waiting()
         self._clock_of_setpoints = StampClock(tolerance_s=self.number("clock_tolerance_s"))
         self._switch = self._valves.switch
         self._has_supply_valve = bool(self.value("supply_valve"))
@@ -191,8 +192,9 @@ class ValveControllerNode(AirNode):
     def _on_chamber_states(self, message: JointState) -> None:
         try:
             pressure_gauge_pa = named_values(message, CHANNEL_NAMES, "effort")
-            time_s = self._clock_of_pressures.sample(seconds(message.header.stamp), self.now_s(), self.clock_s())
-            command = self._valves.update(time_s, pressure_gauge_pa)
+            stamp_s, now_s = seconds(message.header.stamp), self.now_s()
+            time_s = self._clock_of_pressures.sample(stamp_s, now_s, self.clock_s())
+            command = self._valves.update(time_s, pressure_gauge_pa, self._waiting.late_s(stamp_s, now_s))
         except (MessageError, ControllerInputError) as error:
             self.refuse("chamber_states", error)
             return

@@ -42,7 +42,13 @@ class AssumedValve(ABC):
         supply_gauge_pa: p_s.
         least_drop_pa: the fastest rates are bounded with at least this pressure difference.
         refill_time_s: in which a supply that was drawn down comes up again.
+
+    Attributes:
+        lasting: whether its rates are right at any pressure but for a factor, so that what was learnt of a valve while
+            it filled holds for the rest of the grasp.
     """
+
+    lasting = False
 
     def __init__(self, supply_gauge_pa: float, least_drop_pa: float, refill_time_s: float) -> None:
         self.supply_gauge_pa, self.least_drop_pa, self.refill_time_s = supply_gauge_pa, least_drop_pa, refill_time_s
@@ -105,6 +111,8 @@ class OrificeValve(AssumedValve):
     Raises:
         ConfigError: there is no bending law with gas volumes.
     """
+
+    lasting = True
 
     def __init__(self, supply_gauge_pa: float, least_drop_pa: float, orifice: OrificeConfig) -> None:
         regulator_m3_s = REFERENCE_PA * max(orifice.regulator_conductance_m3_s_pa, 1e-15)

@@ -238,18 +238,23 @@ class IsoChambers(PneumaticModel):
         """Close all valves at the given pressures, muscles straight, the tank at the regulated pressure."""
         super().reset(pressure_gauge_pa)
         absolute = self._pressure + AMBIENT_PA
-        rows = volume_rows(self._tables, absolute, np.zeros(CHANNEL_COUNT), self._orifices.line_volume)
+        self._bend_rad = np.zeros(CHANNEL_COUNT)
+        rows = volume_rows(self._tables, absolute, self._bend_rad, self._orifices.line_volume)
         self._amount = np.array([gas_amount(self._tables, row, p)[0] for row, p in zip(rows, absolute, strict=True)])
 
     def seep(self, out_1_s: Vector, in_1_s: Vector, dt_s: float) -> Vector:
-        """As for every model; the gas goes with the pressure, at the volume there is."""
-        before = self._pressure + AMBIENT_PA
+        """As for every model; as much gas goes as the pressure asks for, at the bend there is."""
+        before_pa = self._pressure + AMBIENT_PA
         pressure = super().seep(out_1_s, in_1_s, dt_s)
-        self._amount *= (pressure + AMBIENT_PA) / before
+        rows = volume_rows(self._tables, before_pa, self._bend_rad, self._orifices.line_volume)
+        for channel in np.flatnonzero(out_1_s + in_1_s > 0.0):
+            after, _ = gas_amount(self._tables, rows[channel], pressure[channel] + AMBIENT_PA)
+            self._amount[channel] += after - gas_amount(self._tables, rows[channel], before_pa[channel])[0]
         return pressure
 
     def _flow(self, opening_time_s: Vector, duration_s: float, bend_rad: Vector) -> Vector:
         absolute = self._pressure + AMBIENT_PA
+        self._bend_rad = chamber_bend_rad(bend_rad).ravel()
         if self._fed_pa < self._supply_pa and self._fed_pa == 0.0:
             self._supply_pa *= math.exp(-duration_s / self._config.supply_time_constant_s)
         supply = advance(
@@ -257,7 +262,7 @@ class IsoChambers(PneumaticModel):
             self._supply_pa + AMBIENT_PA,
             opening_time_s,
             duration_s,
-            chamber_bend_rad(bend_rad).ravel(),
+            self._bend_rad,
             self._amount,
             min(math.ceil(duration_s / self._config.iso6358.sub_step_s), _MOST_STEPS),
             self._orifices._replace(regulated=self._fed_pa + AMBIENT_PA),

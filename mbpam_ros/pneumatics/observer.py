@@ -56,6 +56,8 @@ _GREATEST_LEAK_1_S = 2.0
 _NOMINAL_TICK_S = 0.01
 _SLOW_TICKS = 5
 _LEAST_FALL_PA_S = 10e3
+_LEARNT_SHARE = 0.6
+"""Of the rate that a valve has shown, which it goes on showing where the law assumed of it is a lasting one."""
 
 
 @dataclass(frozen=True)
@@ -172,6 +174,10 @@ class Observer:
     Each tick: :meth:`update` with the reading, then :meth:`commanded` with the openings that follow from it.
     """
 
+    _effort_pa: Vector
+    _effort_from_pa: Vector
+    _effort_s: float
+
     def __init__(self, config: ObserverConfig, valve: AssumedValve, noise: ReadingNoise) -> None:
         self._config, self._valve, self._noise = config, valve, noise
         alpha = -math.expm1(-2.0 * math.pi * noise.cutoff_hz * _NOMINAL_TICK_S)
@@ -182,7 +188,7 @@ class Observer:
     def begin_anew(self) -> None:
         """Forget everything, findings too."""
         n = CHANNEL_COUNT
-        self._time_s, self._interval_s = -math.inf, _NOMINAL_TICK_S
+        self._time_s, self._interval_s, self.held_up = -math.inf, _NOMINAL_TICK_S, False
         self._findings: dict[tuple[Fault, tuple[str, ...]], Finding] = {}
         self._masks: dict[tuple[Fault, ...], Mask] = {}
         self._odd_at_s = np.full(n, -math.inf)
@@ -191,6 +197,7 @@ class Observer:
         self.aimed_at_s = np.full(n, -math.inf)
         self._settled_at_s = np.full(n, -math.inf)
         self.gain = np.ones(n)
+        self._slowest = np.full(n, self._config.slowest_ratio)
         self._filled, self._filling = np.zeros(n), np.zeros(n)
         self._noise_pa2 = np.full(n, self._filtered_noise_pa2)
         self._lasting_noise_pa2 = self._noise_pa2.copy()
@@ -216,7 +223,7 @@ class Observer:
         self._up, self._down = np.zeros(n), np.zeros(n)
         self._gone, self._come = np.zeros(n), np.zeros(n)
         self._slope = _Slopes()
-        self._effort_pa, self._effort_from_pa, self._effort_s = np.zeros(n), np.full(n, np.nan), 0.0
+        self._forget_effort()
         self._in_vain_pa = np.zeros(n)
         self._unexplained_pa = np.zeros(n)
 
@@ -295,8 +302,15 @@ class Observer:
         self._low[:-1], self._high[:-1] = self._low[1:], self._high[1:]
         self._low[-1] = self._high[-1] = spool
 
-    def update(self, time_s: float, pressure_gauge_pa: Vector, supply_open: bool, vented: bool) -> None:
-        """Take readings, shape (16,) [Pa gauge], NaN for none, and what was commanded of supply and stop since."""
+    def update(
+        self, time_s: float, pressure_gauge_pa: Vector, supply_open: bool, vented: bool, late_s: float = 0.0
+    ) -> None:
+        """Take readings, shape (16,) [Pa gauge], NaN for none, and what was commanded of supply and stop since.
+
+        Args:
+            time_s: of the readings.
+            late_s: for how long they have waited to be taken: what they are answered with is as late at the valves.
+        """
         config = self._config
         dt_s, self._time_s = time_s - self._time_s, time_s
         if supply_open != self._supply_open:
@@ -306,8 +320,10 @@ class Observer:
                 self._forget_course()
             self._keep(pressure_gauge_pa)
             return
-        if dt_s > 0.8 * config.lag_time_s:  # held up: valves close by themselves when no command comes
+        self.held_up = max(dt_s, late_s + _NOMINAL_TICK_S) > 0.8 * config.lag_time_s
+        if self.held_up:  # valves close by themselves when no command comes; what came of it says nothing of them
             self._low, self._high = np.minimum(self._low, 0.0), np.maximum(self._high, 0.0)
+            self._forget_effort()
         self._interval_s += 0.1 * (dt_s - self._interval_s)
         before = self._readings[-1].copy()
         self._keep(pressure_gauge_pa)
@@ -356,7 +372,7 @@ class Observer:
         if not (low.any() or high.any()):
             return _ZEROS, _ZEROS
         fill_most, vent_most = self._fastest_pa_s(last)
-        slowest, margin = config.slowest_ratio, config.move_threshold_pa
+        slowest, margin = self._slowest, config.move_threshold_pa
         supplied = self._supplied
         supply_pa = self._draw(high, course.dt_s)
         fill_least = slowest * self._fill_pa_s(last + margin, supply_pa) if supplied else _ZEROS
@@ -404,6 +420,8 @@ class Observer:
         ratio = np.divide(self._filled, self._filling, out=np.ones(CHANNEL_COUNT), where=known)
         ratio = np.minimum(np.maximum(ratio, config.slowest_ratio), config.fastest_ratio)
         self.gain = np.where(known, ratio, self.gain)
+        if self._valve.lasting:
+            self._slowest = np.maximum(config.slowest_ratio, _LEARNT_SHARE * np.minimum(self.gain, 1.0))
 
     @property
     def _supplied(self) -> bool:
@@ -623,7 +641,6 @@ class Observer:
 
     def _judge_effort(self, course: _Course) -> None:
         """Compare what valves had to add with what came of it, a second at a time."""
-        config = self._config
         opening = self._low[-2]
         if opening.any():
             fill_pa_s = self._fill_pa_s(course.last, self._valve.drawn_supply_gauge_pa(self._drawn))
@@ -634,7 +651,7 @@ class Observer:
         if self._effort_s < 1.0:
             return
         settled = (self._time_s > self._settled_at_s + 1.0) & course.valid
-        lost = config.slowest_ratio * self._effort_pa - (self._readings[-1] - self._effort_from_pa)
+        lost = self._slowest * self._effort_pa - (self._readings[-1] - self._effort_from_pa)
         here = settled & self._unnamed & np.isfinite(self._effort_from_pa)
         worked = here & (np.abs(self._effort_pa) > 3e3)
         toward = np.sign(self._effort_pa)
@@ -650,6 +667,11 @@ class Observer:
                 self._find_slow(int(channel), -net / self._effort_s, "by what its valve had to make up for")
         self._effort_pa, self._effort_s = np.zeros(CHANNEL_COUNT), 0.0
         self._effort_from_pa = np.where(settled, self._readings[-1], np.nan)
+
+    def _forget_effort(self) -> None:
+        """Begin the second anew."""
+        self._effort_pa, self._effort_s = np.zeros(CHANNEL_COUNT), 0.0
+        self._effort_from_pa = np.full(CHANNEL_COUNT, np.nan)
 
     def _judge_unexplained(self, added: Vector) -> None:
         """End what no one can vouch for once a good deal of air was moved for it."""

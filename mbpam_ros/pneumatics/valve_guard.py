@@ -108,8 +108,12 @@ class GuardedValves:
         """What to leave the valves with when nobody will move them afterwards."""
         return ValveCommand(np.full(CHANNEL_COUNT, self.switch.parting_opening), False)
 
-    def update(self, time_s: float, pressure_gauge_pa: ArrayLike) -> ValveCommand:
+    def update(self, time_s: float, pressure_gauge_pa: ArrayLike, late_s: float = 0.0) -> ValveCommand:
         """Return what valves are told for the measured pressures, shape (16,) [Pa gauge], NaN for no reading.
+
+        Args:
+            time_s: when they were measured.
+            late_s: for how long they have waited to be taken, beyond what they always do.
 
         Raises:
             ControllerInputError: wrong shape or a time that is not finite.
@@ -118,7 +122,7 @@ class GuardedValves:
         spool = self.controller.update(time_s, pressure)
         if np.isfinite(pressure).any():
             self._read_at_s = time_s
-        self._observer.update(time_s, pressure, self._supply.open, self.controller.vented)
+        self._observer.update(time_s, pressure, self._supply.open, self.controller.vented, late_s)
         target = self.controller.setpoint
         self._observer.aim(target, time_s)
         if self._observer.findings or self._compensates:
@@ -162,7 +166,11 @@ class GuardedValves:
         """Let test pulses begin or go on where a held channel rests."""
         observer, tested = self._observer, self._prober.tested
         held = (target > 0.0) & ~closed
-        if observer.supply_low or not (self._supply.open and self.controller.enabled and held.any()):
+        if (
+            observer.held_up
+            or observer.supply_low
+            or not (self._supply.open and self.controller.enabled and held.any())
+        ):
             self._prober.abort()
             return
         read = np.isfinite(observer.mean_reading(1))

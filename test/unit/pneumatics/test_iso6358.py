@@ -35,6 +35,16 @@ def gas_j(chambers):
     return (chambers.supply_gauge_pa + AMBIENT_PA) * CHAMBER.iso6358.supply_volume_m3 + chambers._amount.sum()
 
 
+def test_what_seeps_leaves_the_pressure_where_it_went():
+    """A leak's time constant is that of the pressure, whatever the walls give way."""
+    chambers = model()
+    chambers.reset(100e3)
+    for _ in range(50):
+        left_pa = chambers.seep(FULL / 2.0, 0.0 * FULL, 0.01)
+        assert chambers.step(0.0 * FULL, 1e-3) == pytest.approx(left_pa, abs=1.0)
+    assert left_pa == pytest.approx(100e3 * math.exp(-0.25), rel=1e-6)
+
+
 def test_flow_below_the_critical_ratio_depends_on_the_upstream_pressure_only():
     assert orifice_flow(B, 300e3, 80e3)[0] == orifice_flow(B, 300e3, 20e3)[0] == pytest.approx(100e3 * 300e3)
 
