@@ -45,6 +45,9 @@ LEFT_OUT = ("camera/image_raw", "camera/depth/image_raw", *(f"{node}/alive" for 
 
 RECORDING_BYTES = 10**9
 
+RECORDER_LAG_S = 0.2
+"""By how much the recording, of a subscription of its own, may be behind what the grasp was told by."""
+
 PATIENCE_S = 10.0
 RETRY_S = 0.25
 WATCHED_HZ = 30.0
@@ -92,6 +95,7 @@ def grasp(name: str, scene: Scene, tier: str, report: Path, progress: Progress, 
         try:
             with _recorded(operator, report / scene.name / "grasp.mcap"):
                 result = _stages(scene, operator, report, progress)
+                _wait(operator, RECORDER_LAG_S, "the recording's last word")
         finally:
             operator.close()
         codes = processes.stop()
@@ -141,7 +145,10 @@ def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) 
         wait_for(partial(operator.health.__contains__, f"/{node}"), 180.0, f"waiting for {node}{hint}")
     progress.show(f"{name}: waiting for readiness")
     operator.enable()
-    wait_for(lambda: watcher.hears_everything, 20.0, "looking")
+    try:
+        wait_for(lambda: not watcher.unheard, 20.0, "looking")
+    except NodeSystemError as error:
+        raise NodeSystemError(f"{error}; not heard: {', '.join(watcher.unheard) or '-'}") from error
     watcher.set_start()
     watcher.snapshot("start")
     detection = watcher.detection
@@ -208,12 +215,13 @@ def _ask_patiently(operator: Operator, service_type: type[Service], name: str) -
         except NodeSystemError:
             if time.monotonic() > deadline:
                 raise
-            again_at = time.monotonic() + RETRY_S
-            operator.wait_for(partial(_is_past, again_at), PATIENCE_S, "the next try")
+            _wait(operator, RETRY_S, "the next try")
 
 
-def _is_past(time_s: float) -> bool:
-    return time.monotonic() > time_s
+def _wait(operator: Operator, duration_s: float, what: str) -> None:
+    """Hear all that comes for so long."""
+    until_s = time.monotonic() + duration_s
+    operator.wait_for(lambda: time.monotonic() > until_s, PATIENCE_S + duration_s, what)
 
 
 def _size(marker: Marker) -> tuple[float, float, float]:

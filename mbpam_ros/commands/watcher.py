@@ -85,11 +85,17 @@ class Watcher:
         return f"the plant at {self._least_real_time_factor:.2f} of real time or more"
 
     @property
-    def hears_everything(self) -> bool:
-        """Whether every topic of the record has spoken, with an object detected."""
-        record = self.record
-        spoken = record.overlay_jpeg and record.pressure_time_s and record.bend_time_s
-        return bool(spoken) and self.detection is not None and math.isfinite(self.object_z_m)
+    def unheard(self) -> list[str]:
+        """What the record still lacks before a grasp: topics that have not spoken, an object not detected."""
+        heard = {
+            "grasp_state": bool(self.grasp),
+            "an object in detections": self.detection is not None,
+            "detections/image": bool(self.record.overlay_jpeg),
+            "chamber_states": bool(self.record.pressure_time_s),
+            "joint_states": bool(self.record.bend_time_s),
+            "the object in plant/finger_markers": math.isfinite(self.object_z_m),
+        }
+        return [name for name, spoken in heard.items() if not spoken]
 
     def set_start(self) -> None:
         """Take the present heights of object and palm as zero of their rise."""

@@ -181,6 +181,8 @@ def test_a_latched_stop_survives_a_restart_of_either_node(watched):
         else:
             watched.valves = {}
         gripper.restart(name)
+        # Both know before the next is killed: of two that are lost at once, nobody is left who could tell.
+        watched.wait_for(lambda: gripper.grasp.get("air") == "vent", f"{name}: the arbiter's word to vent")
         watched.wait_for(
             lambda: "stop requested" in watched.valves.get("vent_latched", ""), f"{name}: the vent latched"
         )
