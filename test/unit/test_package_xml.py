@@ -70,6 +70,7 @@ def test_every_dependency_is_a_package_of_ros_or_a_key_of_rosdep():
     assert names <= ROS_PACKAGES | set(ROSDEP_KEYS)
 
 
+@pytest.mark.slow
 def test_what_the_code_imports_is_depended_on_and_nothing_else():
     depended = {each.name for each in read().exec_depends}
     modules = {ROSDEP_KEYS.get(name, name) for name in depended}

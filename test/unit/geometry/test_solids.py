@@ -95,6 +95,7 @@ def test_a_standing_rod_rests_on_four_points_of_its_rim():
     np.testing.assert_allclose(found[:, 2], 0.125)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("foot", [(np.inf, np.inf), (0.01, 0.03), (0.1, 0.03), (0.01, 0.1)])
 def test_a_box_rests_on_the_corners_of_what_it_and_the_stand_share(foot):
     found = lowest(BOX, SIZES["box"], [0.0, 0.0, 0.05], foot=foot)

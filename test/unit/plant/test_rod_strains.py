@@ -177,6 +177,7 @@ def energy_j(rod):
     return total + 0.5 * np.einsum("f,i,fi->", drive.axials[1], mechanics.stretch_springs, off**2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("twist", "stretch"), STRAINS)
 def test_undamped_muscles_keep_their_energy_with_the_fourth_power_of_the_step(twist, stretch):
     acts = actuation(MOMENTS, law(0.1, (0.004, 0.002)))

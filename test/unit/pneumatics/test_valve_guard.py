@@ -241,6 +241,7 @@ def test_what_no_one_can_vouch_for_is_not_followed_far():
     assert rig.highest_pa < 110e3 and rig.pressure_pa[CHANNEL] > 100e3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "size"),
     [("stuck_noisy", 0.0), ("valve_closed", 0.0), ("valve_open", 1.0), ("leak", 1.0), ("noise", 10.0), ("supply", 0.0)],

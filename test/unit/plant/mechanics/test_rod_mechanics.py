@@ -177,6 +177,7 @@ def test_acceleration_is_the_second_derivative_of_the_directors_at_constant_rate
     np.testing.assert_allclose(moved(shape, shape.rate)[1].acceleration, expected, atol=1e-6 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [SHAPES[1], SHAPES[4], SHAPES[6]])
 def test_turning_is_the_derivative_of_the_sections_rotation(shape):
     h = 1e-5
