@@ -4,7 +4,8 @@ The events executor awaits no coroutine, but it looks up ``send_response`` at ev
 the answer has to go.
 
 A client with ROS's default quality of service keeps ten answers. One that asks a hundred times before it looks for the
-first answer lost the other ninety; so no more than ten leave at once, and the server keeps all requests meanwhile.
+first answer lost the other ninety; so no more than ten leave at once, none of the others while it still asks, and the
+server keeps all requests meanwhile.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ REQUESTS_KEPT = 1000
 CLIENT_KEEPS = 10
 """Depth of ROS's default quality of service for a client."""
 CLIENT_LOOKS_WITHIN_S = 0.1
-"""No more than :data:`CLIENT_KEEPS` answers of one service leave within this."""
+"""No more than :data:`CLIENT_KEEPS` answers of one service leave within this, counted from the last request."""
+LONGEST_WAIT_S = 1.0
+"""Nor do more within this while requests keep coming: where many ask at all times, one who asks does look."""
 
 _QOS = QoSProfile(depth=REQUESTS_KEPT, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -68,17 +71,24 @@ class AnsweringService:
         self._reply: Reply | None = None
         self._waiting: deque[tuple[Any, Any]] = deque()
         self._sent_s: deque[float] = deque([-float("inf")] * CLIENT_KEEPS, maxlen=CLIENT_KEEPS)
+        self._asked_s = -float("inf")
         service = node.create_service(service_type, name, self._on_request, qos_profile=_QOS)
         self._send_now = service.send_response
         setattr(service, "send_response", self._address)  # noqa: B010  no method of its own to override
 
     def send_waiting(self) -> None:
         """Send the answers that are ready, as many as a client keeps."""
-        while self._waiting and time.monotonic() - self._sent_s[0] >= CLIENT_LOOKS_WITHIN_S:
+        while self._waiting and self._are_taken(time.monotonic()):
             self._sent_s.append(time.monotonic())
             self._send_now(*self._waiting.popleft())
 
+    def _are_taken(self, now_s: float) -> bool:
+        """Whether a client will have taken the answers it has room for."""
+        since_sent_s, since_asked_s = now_s - self._sent_s[0], now_s - self._asked_s
+        return since_sent_s >= LONGEST_WAIT_S or min(since_sent_s, since_asked_s) >= CLIENT_LOOKS_WITHIN_S
+
     def _on_request(self, request: Any, response: Any) -> Any:
+        self._asked_s = time.monotonic()
         self._reply = Reply(response, self._send)
         self._handle(request, self._reply)
         return response
