@@ -115,7 +115,9 @@ def load_drawing(name: str) -> MuscleDrawing:
     Raises:
         ConfigError: there is none, or it draws no muscle.
     """
-    if not re.fullmatch(r"\w[\w-]*", name, re.ASCII) or name not in drawing_names():
+    if not re.fullmatch(r"\w[\w-]*", name, re.ASCII):
+        raise ConfigError(f"a muscle is named by letters, digits, _ and -, without path or suffix, found {name!r}")
+    if name not in drawing_names():
         raise ConfigError(
             f"no muscle {name!r}; known: {', '.join(drawing_names()) or 'none'}; draw it in {muscle_folder(name)}.yaml"
         )

@@ -191,7 +191,8 @@ def test_what_a_silicone_bears_is_of_its_data_or_of_its_test(tmp_path):
         (["paper", "--law-to", "90"], "--law-to must be 100 to 200 kPa"),
         (["paper", "--patterns", "psc"], "--patterns psc: pdc, or pdc,psc"),
         (["paper", "--keep-as", "paper"], "no drawing that there is already"),
-        (["../paper"], "no muscle"),
+        (["../paper"], "a muscle is named by letters, digits, _ and -, without path or suffix, found '../paper'"),
+        (["paper", "--largest-stretch", "0"], "--largest-stretch must be above 1"),
     ],
 )
 def test_what_cannot_be_built_is_one_line(arguments, message, capsys):
