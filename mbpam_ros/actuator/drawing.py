@@ -1,9 +1,6 @@
 """A muscle as it is drawn: ``config/muscles/<name>.yaml``, and the folder beside it for what is found out about it.
 
-The paper's muscle is one of them. Its section where the outer radius is r is a disc without four quarter discs, the
-chambers: radius r - c, cut off b / 2 from the two arms of the cross. With rho = r - c and h = b / 2 a chamber has
-
-    A = rho^2 (pi / 4 - asin(h / rho)) - h (sqrt(rho^2 - h^2) - h).
+The paper's muscle is one of them.
 """
 
 from __future__ import annotations
@@ -18,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.actuator.design import DrawnDesign, MuscleGeometry
+from mbpam_ros.actuator.section import chamber_area, outer_radius
 from mbpam_ros.configuration import ConfigError, config_directory, load_config, require_positive
 
 PAPER = "paper"
@@ -80,18 +78,11 @@ class MuscleDrawing:
         """Mean area of silicone in a section of the waves [mm2]."""
         wave_mm = self.active_length_mm / self.wave_count
         outer = self.outer_radius_at_mm(wave_mm * (np.arange(_WAVE_POINTS) + 0.5) / _WAVE_POINTS)
-        rho, half = outer - self.c_mm, 0.5 * self.b_mm
-        chamber = rho**2 * (0.25 * math.pi - np.arcsin(half / rho)) - half * (np.sqrt(rho**2 - half**2) - half)
-        return float(np.mean(math.pi * outer**2 - 4.0 * chamber))
+        return float(np.mean(math.pi * outer**2 - 4.0 * chamber_area(outer - self.c_mm, self.b_mm)))
 
     def outer_radius_at_mm(self, along_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the outer radius [mm] at distances along the waves from where they begin, at a crest.
-
-        R - a / 2 (1 - cos(2 pi n z / L)); chambers, moulds and meshes all follow it.
-        """
-        phase = 2.0 * np.pi * self.wave_count * np.asarray(along_mm, dtype=float) / self.active_length_mm
-        radius: NDArray[np.float64] = self.outer_radius_mm - 0.5 * self.a_mm * (1.0 - np.cos(phase))
-        return radius
+        """Return the outer radius [mm] at distances along the waves from where they begin, at a crest."""
+        return outer_radius(along_mm, self.outer_radius_mm, self.a_mm, self.active_length_mm / self.wave_count)
 
     @property
     def design(self) -> DrawnDesign:
@@ -124,7 +115,9 @@ def load_drawing(name: str) -> MuscleDrawing:
     Raises:
         ConfigError: there is none, or it draws no muscle.
     """
-    if not re.fullmatch(r"\w[\w-]*", name, re.ASCII) or name not in drawing_names():
+    if not re.fullmatch(r"\w[\w-]*", name, re.ASCII):
+        raise ConfigError(f"a muscle is named by letters, digits, _ and -, without path or suffix, found {name!r}")
+    if name not in drawing_names():
         raise ConfigError(
             f"no muscle {name!r}; known: {', '.join(drawing_names()) or 'none'}; draw it in {muscle_folder(name)}.yaml"
         )

@@ -16,6 +16,7 @@ import argparse
 
 from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
+from mbpam_ros.grasp.grip_pressure import made_with
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.plant.fidelity import FidelityRequest
 from mbpam_ros.study.grasp import grip_table
@@ -37,14 +38,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Search, and write the table."""
     request = FidelityRequest(tier=options.tier, sub_step_s=_SUB_STEP_S)
+    gripper = load_gripper()
     settings = {
+        "gripper": made_with(gripper),
         "highest_gauge_pa": grip_table.HIGHEST_PA,
         "step_pa": grip_table.STEP_PA,
         "resolution_pa": grip_table.RESOLUTION_PA,
         "fidelity": repr(request),
         **simulated_with(),
     }
-    gripper = load_gripper()
     jobs = grip_table.jobs(request, gripper)
 
     def name_of(row: dict) -> str:

@@ -1,7 +1,7 @@
 """The gripper as a URDF, for RViz, MoveIt and whatever else reads one.
 
-    mbpam urdf --out gripper.urdf                   waves drawn as cylinders, so one file is all
-    mbpam urdf --out gripper.urdf --meshes meshes   waves as a mesh with the walls of their chambers, meshes/wave.stl
+    mbpam urdf --out gripper.urdf                   muscles drawn as cylinders, so one file is all
+    mbpam urdf --out gripper.urdf --meshes meshes   as the drawing's solid in pieces: meshes/wave.stl, meshes/end.stl
     mbpam urdf --prefix right/                      links of a second gripper, to standard output
 
 Fingers are chains of short links; what moves them are the joints that joint_states names. The node state_estimator
@@ -15,30 +15,27 @@ from pathlib import Path
 
 from mbpam_ros.commands.result_arguments import result_file, result_folder
 from mbpam_ros.description.frames import Frames
-from mbpam_ros.description.urdf import gripper_urdf, wave_length_m
-from mbpam_ros.description.wave_mesh import Wave, wave_triangles
+from mbpam_ros.description.urdf import gripper_urdf, muscle_meshes
 from mbpam_ros.geometry.stl import binary_stl
 from mbpam_ros.gripper import Gripper, load_gripper
 from mbpam_ros.study.result_file import write_bytes, write_text
 from mbpam_ros.vision.camera import camera_pose, load_camera_config
 
-MESH = "wave.stl"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("--out", type=result_file, metavar="FILE", help="where the URDF goes (default: printed)")
-    parser.add_argument("--meshes", type=result_folder, metavar="DIR", help="draw waves as a mesh, kept there")
+    parser.add_argument("--meshes", type=result_folder, metavar="DIR", help="draw muscles as meshes, kept there")
     parser.add_argument("--prefix", default="", help="before every link, as the parameter frame_prefix (default: none)")
     parser.add_argument("--gripper", default="gripper.yaml", metavar="YAML", help="default: gripper.yaml")
     parser.add_argument("--camera", default="camera.yaml", metavar="YAML", help="default: camera.yaml")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the URDF, and the mesh if asked for."""
+    """Write the URDF, and the meshes if asked for."""
     gripper, camera = load_gripper(options.gripper), camera_pose(load_camera_config(options.camera))
-    mesh = None if options.meshes is None else _write_mesh(options.meshes, gripper).absolute().as_uri()
-    text = gripper_urdf(gripper, camera.rotation, camera.position_m, Frames(options.prefix), mesh)
+    meshes = None if options.meshes is None else _write_meshes(options.meshes, gripper).absolute().as_uri()
+    text = gripper_urdf(gripper, camera.rotation, camera.position_m, Frames(options.prefix), meshes)
     if options.out is None:
         print(text, end="")
     else:
@@ -46,8 +43,8 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _write_mesh(folder: Path, gripper: Gripper) -> Path:
+def _write_meshes(folder: Path, gripper: Gripper) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / MESH
-    write_bytes(path, binary_stl(wave_triangles(Wave.of_gripper(gripper, wave_length_m(gripper)))))
-    return path
+    for name, triangles in muscle_meshes(gripper).items():
+        write_bytes(folder / name, binary_stl(triangles))
+    return folder

@@ -1,10 +1,7 @@
-"""One wave of the muscle as a closed surface: outside, and inside the walls of its four chambers.
+"""A muscle in pieces as closed surfaces: a wave, and an end with half a wave beside it, with the walls of the chambers.
 
-The paper's section (figure 2): a circle whose radius R follows the wave, a wall of even thickness c, and a cross with
-arms of thickness b along x and y, which leave four chambers. With the crest at z = 0, for |z| <= p / 2::
-
-    R(z) = R_crest - a / 2 (1 - cos(2 pi z / p))
-    a chamber: x, y >= b / 2,  x^2 + y^2 <= (R - c)^2,  and its three mirror images
+Outside and inside are those of the drawing, its moulds and its finite elements (:mod:`~mbpam_ros.actuator.section`). A
+muscle of n waves, which begin and end at a crest, is an end, n - 1 waves from valley to valley, and an end turned over.
 """
 
 from __future__ import annotations
@@ -15,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.actuator.section import outer_radius
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.gripper import Gripper
@@ -78,7 +76,7 @@ def wave_count(gripper: Gripper) -> int:
 
 
 def wave_triangles(wave: Wave, arc_points: int = ARC_POINTS, slices: int = SLICES) -> NDArray[np.float64]:
-    """Return the closed surface of a wave: corners of triangles, shape (n, 3, 3) [m].
+    """Return the closed surface of a wave from valley to valley, its crest at z = 0: triangles, shape (n, 3, 3) [m].
 
     Seen from outside the material the corners run anticlockwise; every edge belongs to two triangles.
 
@@ -88,11 +86,40 @@ def wave_triangles(wave: Wave, arc_points: int = ARC_POINTS, slices: int = SLICE
         slices: sections of the wave, both ends included; at least 2.
     """
     z = np.linspace(-0.5, 0.5, slices) * wave.length_m
-    outer = wave.crest_radius_m - 0.5 * wave.amplitude_m * (1.0 - np.cos(2.0 * np.pi * z / wave.length_m))
-    circle, chamber = _quarter_circle(outer, z, arc_points), _chamber(outer - wave.wall_m, wave.cross_m, z, arc_points)
+    circle, chamber = _outlines(wave, z, z, arc_points)
     sides = [_between(circle[:-1], circle[1:]), _between(chamber[1:], chamber[:-1], closed=True)]
-    quarter = np.concatenate([*sides, _end(circle[-1], chamber[-1]), _end(circle[0], chamber[0])[:, ::-1]])
-    return np.concatenate([_turned(quarter, quarters) for quarters in range(4)])
+    return _four([*sides, _section(circle[-1], chamber[-1]), _section(circle[0], chamber[0])[:, ::-1]])
+
+
+def end_triangles(
+    wave: Wave, solid_m: float, arc_points: int = ARC_POINTS, slices: int = SLICES
+) -> NDArray[np.float64]:
+    """Return the closed surface of an end: solid from z = 0 to ``solid_m``, then a wave's half, from crest to valley.
+
+    Args:
+        wave: its lengths.
+        solid_m: length of the piece without chambers [m].
+        arc_points: as for :func:`wave_triangles`.
+        slices: sections of a whole wave.
+
+    Returns:
+        Triangles as those of :func:`wave_triangles`.
+    """
+    from_crest_m = np.linspace(0.0, 0.5, slices // 2 + 1) * wave.length_m
+    circle, chamber = _outlines(wave, from_crest_m, solid_m + from_crest_m, arc_points)
+    foot = circle[0] * [1.0, 1.0, 0.0]
+    outside = np.concatenate([foot[None], circle])
+    sides = [_between(outside[:-1], outside[1:]), _between(chamber[1:], chamber[:-1], closed=True)]
+    disc, floor = _fan(np.zeros(3), foot)[:, ::-1], _fan(chamber[0, -1], chamber[0, :-1])
+    return _four([*sides, _section(circle[-1], chamber[-1]), disc, floor])
+
+
+def _outlines(
+    wave: Wave, from_crest_m: NDArray[np.float64], z_m: NDArray[np.float64], points: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Quarter circles and chambers, shapes (slices, points, 3) and (slices, points + 1, 3), at each height."""
+    outer = outer_radius(from_crest_m, wave.crest_radius_m, wave.amplitude_m, wave.length_m)
+    return _quarter_circle(outer, z_m, points), _chamber(outer - wave.wall_m, wave.cross_m, z_m, points)
 
 
 def _quarter_circle(radius_m: NDArray[np.float64], z_m: NDArray[np.float64], points: int) -> NDArray[np.float64]:
@@ -126,7 +153,12 @@ def _between(low: NDArray[np.float64], high: NDArray[np.float64], closed: bool =
     return np.stack([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)], axis=2).reshape(-1, 3, 3)
 
 
-def _end(circle: NDArray[np.float64], chamber: NDArray[np.float64]) -> NDArray[np.float64]:
+def _fan(middle: NDArray[np.float64], line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Triangles between a point and a line of points, facing up."""
+    return np.stack([np.broadcast_to(middle, line[1:].shape), line[:-1], line[1:]], axis=1)
+
+
+def _section(circle: NDArray[np.float64], chamber: NDArray[np.float64]) -> NDArray[np.float64]:
     """Triangles of a quarter's section, facing up: the wall, and the two half arms of the cross up to the middle."""
     arc, corner = chamber[:-1], chamber[-1]
     middle = np.array([0.0, 0.0, corner[2]])
@@ -134,6 +166,12 @@ def _end(circle: NDArray[np.float64], chamber: NDArray[np.float64]) -> NDArray[n
     arms = [(middle, circle[0], corner), (circle[0], arc[0], corner)]
     arms += [(middle, corner, circle[-1]), (corner, arc[-1], circle[-1])]
     return np.concatenate([wall, np.array(arms)])
+
+
+def _four(quarter: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """A surface of four quarters, of the triangles of the first."""
+    triangles = np.concatenate(quarter)
+    return np.concatenate([_turned(triangles, quarters) for quarters in range(4)])
 
 
 def _turned(triangles: NDArray[np.float64], quarters: int) -> NDArray[np.float64]:

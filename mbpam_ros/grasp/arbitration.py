@@ -43,7 +43,14 @@ from mbpam_ros.actuator.chambers import CHANNEL_COUNT, CHANNEL_NAMES, FINGER_COU
 from mbpam_ros.answer import Answer
 from mbpam_ros.configuration import load_config, require_positive
 from mbpam_ros.grasp.empty_hand import load_empty_hand
-from mbpam_ros.grasp.grip_pressure import NOTHING_EXPECTED, Expected, GripConfig, GripPlanner, load_grip_table
+from mbpam_ros.grasp.grip_pressure import (
+    NOTHING_EXPECTED,
+    Expected,
+    GripConfig,
+    GripPlanner,
+    load_grip_table,
+    table_for,
+)
 from mbpam_ros.grasp.holding import NOTHING_KNOWN, HoldingConfig, Verdict
 from mbpam_ros.grasp.holding_watch import HoldingWatch
 from mbpam_ros.grasp.modes import MODE_NAMES, GraspMode
@@ -152,9 +159,9 @@ def build_selector(config: GraspConfig, gripper: Gripper, modes: Mapping[str, Gr
         ConfigError: there is no such table.
         RodSolutionError: the gripper's design has no rod law.
     """
-    grip = None
-    if config.grip.table is not None:
-        grip = GripPlanner(config.grip, load_grip_table(config.grip.table), gripper.pressure_limit_gauge_pa)
+    grip, table = None, table_for(config.grip.table, gripper)
+    if table is not None:
+        grip = GripPlanner(config.grip, load_grip_table(table), gripper.pressure_limit_gauge_pa)
     return ModeSelector(config.selection, gripper, modes, grip)
 
 
@@ -163,18 +170,19 @@ def build_holding_watch(
 ) -> HoldingWatch:
     """Return what judges whether something is held.
 
-    The air is listened to where the pneumatic ``model`` knows the chambers' volumes and the configuration how to weigh
-    it.
+    The air is listened to where the pneumatic ``model`` knows the chambers' volumes, the configuration how to weigh it,
+    and the table of pressures how far the fingers of such a hand bend when it is empty.
 
     Raises:
         ConfigError: a table is missing that the configuration asks for.
         RodSolutionError: the gripper's design has no rod law.
     """
-    if not (model in HAS_VOLUME and config.holding.air and config.grip.table is not None):
+    table = table_for(config.grip.table, gripper)
+    if not (model in HAS_VOLUME and config.holding.air and table is not None):
         return HoldingWatch(config.holding)
     from mbpam_ros.grasp.air_bend import AirBend  # compiles a model that others do without
 
-    return HoldingWatch(config.holding, AirBend(gripper, pneumatics.chamber), load_empty_hand(config.grip.table))
+    return HoldingWatch(config.holding, AirBend(gripper, pneumatics.chamber), load_empty_hand(table))
 
 
 @dataclass(frozen=True)

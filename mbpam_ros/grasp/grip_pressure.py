@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from mbpam_ros.configuration import ConfigError, config_path, require_positive
 from mbpam_ros.grasp.modes import MODE_NAMES
+from mbpam_ros.gripper import Gripper
 
 Array = NDArray[np.float64]
 
@@ -79,8 +80,8 @@ class GripConfig:
     Args:
         margin_ratio, margin_pa: above the least pressure that holds by the model.
         mass_classes_kg: what the names of mass classes stand for.
-        table: file of least pressures, ``data/grip_pressures.json`` or one of your own gripper; none: all objects get
-            the pressures of their modes.
+        table: file of least pressures, ``data/grip_pressures.json`` or one of your own gripper; none, or one that was
+            made with other muscles: all objects get the pressures of their modes.
     """
 
     margin_ratio: float = 0.03
@@ -212,6 +213,27 @@ def load_grip_table(name: str | Path = TABLE) -> GripTable:
         return GripTable(content["rows"], float(settings["highest_gauge_pa"]), float(settings["step_pa"]))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ConfigError(f"{path}: no table of grip pressures ({error}); make one with mbpam grip-table") from None
+
+
+def made_with(gripper: Gripper) -> dict[str, Any]:
+    """Return what a table tells of the gripper that it was made with."""
+    return {"muscle": gripper.muscle, "finger_circle_radius_m": gripper.finger_circle_radius_m}
+
+
+def table_for(name: str | Path | None, gripper: Gripper) -> str | Path | None:
+    """Return a table's name if it was made with such muscles, so far apart, else None: it tells nothing of these.
+
+    Raises:
+        ConfigError: no such file, or it does not tell.
+    """
+    if name is None:
+        return None
+    path = config_path(name)
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))["settings"]["gripper"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{path}: no table that tells of its gripper ({error}); mbpam grip-table makes one") from None
+    return name if told == made_with(gripper) else None
 
 
 class GripPlanner:

@@ -64,7 +64,8 @@ class ValveControllerNode(AirNode):
         config = load_pneumatics(self.text("pneumatics"))
         limits = gripper.pressure_limit_gauge_pa, gripper.over_pressure_gauge_pa
         try:
-            self._valves = GuardedValves(config, *limits, switched_on=bool(self.value("enable_at_start")))
+            on = bool(self.value("enable_at_start"))
+            self._valves = GuardedValves(config, *limits, switched_on=on, gas_law=gripper.gas_law)
         except ValueError as error:
             raise ConfigError(f"{self.value('gripper')} against {self.value('pneumatics')}: {error}") from error
         self._hold_time_s = config.controller.hold_time_s

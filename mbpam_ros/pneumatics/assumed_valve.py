@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,6 +108,7 @@ class OrificeValve(AssumedValve):
     Args:
         supply_gauge_pa, least_drop_pa: as for every valve.
         orifice: conductances and volumes.
+        gas_law: file of the chambers' volumes; None for the paper's muscle.
 
     Raises:
         ConfigError: there is no bending law with gas volumes.
@@ -114,11 +116,13 @@ class OrificeValve(AssumedValve):
 
     lasting = True
 
-    def __init__(self, supply_gauge_pa: float, least_drop_pa: float, orifice: OrificeConfig) -> None:
+    def __init__(
+        self, supply_gauge_pa: float, least_drop_pa: float, orifice: OrificeConfig, gas_law: Path | None = None
+    ) -> None:
         regulator_m3_s = REFERENCE_PA * max(orifice.regulator_conductance_m3_s_pa, 1e-15)
         super().__init__(supply_gauge_pa, least_drop_pa, orifice.supply_volume_m3 / regulator_m3_s)
         self._orifice = orifice
-        self._grid_gauge_pa, bent_m3 = _volumes(orifice.line_volume_m3)
+        self._grid_gauge_pa, bent_m3 = _volumes(orifice.line_volume_m3, gas_law)
         half_m3 = bent_m3.mean(axis=1)
         slope = np.gradient(half_m3, self._grid_gauge_pa)
         self._capacity_m3 = half_m3 + (self._grid_gauge_pa + AMBIENT_PA) * slope
@@ -167,11 +171,11 @@ def flow_share(ratio: Vector, critical_ratio: float) -> Vector:
     return share
 
 
-def _volumes(line_volume_m3: float) -> tuple[Vector, Vector]:
+def _volumes(line_volume_m3: float, gas_law: Path | None) -> tuple[Vector, Vector]:
     """Return V [m3] of a chamber and its line on a grid of pressures [Pa gauge], straight and bent: (n,), (n, 2)."""
     from mbpam_ros.actuator.gas_volume import gas_volume_tables  # loads scipy, which other valves do without
 
-    tables = gas_volume_tables()
+    tables = gas_volume_tables(gas_law)
     grid_pa = tables.pressure_start_pa + tables.pressure_step_pa * np.arange(tables.psc.shape[0], dtype=np.float64)
     bends_rad = tables.bend_start_rad + tables.bend_step_rad * np.arange(tables.psc.shape[1])
     alone, paired = (
@@ -182,17 +186,20 @@ def _volumes(line_volume_m3: float) -> tuple[Vector, Vector]:
     return grid_pa, volume_m3
 
 
-def assumed_valve(model: str, chamber: ChamberConfig, loops: ControllerConfig) -> AssumedValve:
+def assumed_valve(
+    model: str, chamber: ChamberConfig, loops: ControllerConfig, gas_law: Path | None = None
+) -> AssumedValve:
     """Return the valve that a machine like the pneumatic ``model`` has.
 
     Args:
         model: ``ideal``, ``lag`` or ``iso6358``.
         chamber: valves and volumes, of which ``iso6358`` knows.
         loops: what they assume of supply and valve.
+        gas_law: file of the chambers' volumes, for ``iso6358``; None for the paper's muscle.
 
     Raises:
         ConfigError: the model needs gas volumes, and there are none.
     """
     if model == "iso6358":
-        return OrificeValve(loops.supply_gauge_pa, loops.least_drop_pa, chamber.iso6358)
+        return OrificeValve(loops.supply_gauge_pa, loops.least_drop_pa, chamber.iso6358, gas_law)
     return FirstOrderValve(loops.supply_gauge_pa, loops.least_drop_pa, loops.fill_time_constant_s)

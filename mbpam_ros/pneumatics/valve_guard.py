@@ -19,6 +19,7 @@ leaks, leak or drift, noisy                        the loop goes on
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -69,6 +70,7 @@ class GuardedValves:
         over_pressure_gauge_pa: a chamber above this vents at once.
         switched_on: whether the operator has the air on from the start.
         model: the pneumatic model that the machine is like; by default that of the configuration.
+        gas_law: file of the chambers' volumes, for a model that knows them; None for the paper's muscle.
 
     Attributes:
         controller: the loops.
@@ -76,6 +78,7 @@ class GuardedValves:
 
     Raises:
         ValueError: as :class:`~mbpam_ros.pneumatics.controller.PressureController`.
+        ConfigError: ``gas_law`` is no law with gas volumes.
     """
 
     def __init__(
@@ -85,9 +88,10 @@ class GuardedValves:
         over_pressure_gauge_pa: float,
         switched_on: bool = False,
         model: str | None = None,
+        gas_law: Path | None = None,
     ) -> None:
         loops = config.controller
-        valve = assumed_valve(model or config.model, config.chamber, loops)
+        valve = assumed_valve(model or config.model, config.chamber, loops, gas_law)
         self.controller = PressureController(loops, pressure_limit_gauge_pa, over_pressure_gauge_pa)
         self.switch = AirSwitch(self.controller, switched_on)
         self._observer = Observer(config.observer, valve, ReadingNoise.of(config.transducer, config.sensing))

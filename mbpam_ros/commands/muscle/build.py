@@ -16,6 +16,7 @@ With --keep-as NEW the chosen design becomes a drawing of its own, to be built i
 from __future__ import annotations
 
 import argparse
+import math
 import re
 from dataclasses import asdict
 from pathlib import Path
@@ -129,6 +130,11 @@ def _plan(options: argparse.Namespace, drawing: MuscleDrawing) -> build.BuildPla
         raise ConfigError("--samples, --checks and --seed must not be negative")
     if options.tables and options.vary != "a,b":
         raise ConfigError("--tables varies a and b alone")
+    if options.largest_stretch is not None and not 1.0 < options.largest_stretch < math.inf:
+        raise ConfigError(
+            f"--largest-stretch must be above 1, at rest, found {options.largest_stretch:g}; an elongation at "
+            "break of 400 % is a stretch of 5"
+        )
     if not 1 <= options.law_step <= 20 or not 100 <= options.law_to <= 200 or options.law_to % options.law_step:
         raise ConfigError("--law-to must be 100 to 200 kPa, in whole steps of --law-step, 1 to 20 kPa")
     thinner_mm = CellGeometry().c_mm - FAST_WALL_MM if options.mesh == FAST_MESH else 0.0

@@ -37,7 +37,8 @@ from numpy.typing import NDArray
 from mbpam_ros.actuator.elastic_rod import solid_end
 from mbpam_ros.study.fe.design_run import Run
 from mbpam_ros.study.fe.loaded_muscle import MESHES, MuscleModel
-from mbpam_ros.study.fe.mesh import PATTERNS
+from mbpam_ros.study.fe.material import Silicone
+from mbpam_ros.study.fe.mesh import PATTERNS, CellGeometry
 from mbpam_ros.study.fe.muscle_loads import NOTHING
 from mbpam_ros.study.fe.section_stiffness import section_stiffness
 from mbpam_ros.study.fe.solve import LoadStepError, StepControl
@@ -55,7 +56,8 @@ S_PER_PATTERN = 120.0
 """CPU of one pattern on the mesh ``medium``, a guess."""
 
 _SMALL_N = 0.02
-"""At the end of a short muscle: some 1 N mm at the clamp, a fortieth of what its weight may be."""
+"""At the end of a short muscle of the paper's size and silicone: some 1 N mm at the clamp, a fortieth of what its
+weight may be. For others it is similar: with C10 and the square of the radius."""
 
 _CONTROL = StepControl(residual_n=1e-6, first_step=0.5, largest_step=1.0, smallest_step=0.01)
 
@@ -98,6 +100,8 @@ class ShortMuscle:
         self._active_mm = waves * geometry.wave_length_mm
         self._end_mm = model.end_length_mm
         rod = Run(geometry, pattern, end_length_mm=model.end_length_mm).muscle_geometry()
+        stiffer = model.silicone.c10_mpa / Silicone().c10_mpa
+        self._small_n = _SMALL_N * stiffer * (geometry.outer_radius_mm / CellGeometry().outer_radius_mm) ** 2
         self._end_stiffness_n_mm2 = 1e6 * solid_end(2e6 * model.silicone.c10_mpa, rod).stiffness_n_m2
         short = replace(geometry, wave_count=float(waves), active_length_mm=self._active_mm)
         self._muscle = WholeMuscle(short, pattern, mesh, model.silicone, model.ends)
@@ -135,7 +139,7 @@ class ShortMuscle:
     def _compliances(self, free: MuscleState, cell: CellState) -> tuple[float, float]:
         """Of the clamped end's waves, and in shear, under a force across the free tip, with the bend."""
         _, across = _directions(free.tip_angle_rad)
-        force = _SMALL_N * np.array([across[0], 0.0, across[1]])
+        force = self._small_n * np.array([across[0], 0.0, across[1]])
         pushed = self._muscle.moved(free, replace(free.loads, tip_force_n=tuple(force.tolist())), control=_CONTROL)
         turned_rad = self._middle_angle_rad(pushed) - self._middle_angle_rad(free)
         middle_mm = self._end_mm + 0.5 * self._active_mm

@@ -27,6 +27,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mbpam_ros.actuator.section import outer_radius
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.fe.fillets import ChamberOutline, filleted_wave_depth_mm, largest_wave_fillet_mm
@@ -118,7 +119,7 @@ class CellGeometry:
             return self.outer_radius_mm - filleted_wave_depth_mm(
                 z_mm, self.a_mm, self.wave_length_mm, self.wave_fillet_mm
             )
-        return self.outer_radius_mm - 0.5 * self.a_mm * (1.0 - np.cos(2.0 * np.pi * z_mm / self.wave_length_mm))
+        return outer_radius(z_mm, self.outer_radius_mm, self.a_mm, self.wave_length_mm)
 
     def chamber_area_at(self, z_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the area [mm2] of one chamber's section: a quarter disc without the arms of the cross."""

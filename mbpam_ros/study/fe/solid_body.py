@@ -22,7 +22,7 @@ from mbpam_ros.study.fe.tetrahedra import CUT, REFERENCE_NODES
 try:
     import felupe
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("the finite elements need FElupe: pip install '.[fem]'", name="felupe") from error
+    raise ModuleNotFoundError("the finite elements need FElupe, of the extra fem", name="felupe") from error
 
 
 class SolidBody:

@@ -1,5 +1,6 @@
-"""The URDF: a chain that follows the arc of its bend, read by another parser; the mesh of a wave; the frames."""
+"""The URDF: a chain that follows the arc of its bend, read by another parser; a muscle's pieces as meshes; frames."""
 
+import dataclasses
 import math
 import shutil
 from collections import Counter
@@ -16,8 +17,8 @@ from mbpam_ros.actuator.kinematics import tip_pose
 from mbpam_ros.commands.mbpam import main
 from mbpam_ros.configuration import config_directory, load_yaml
 from mbpam_ros.description.frames import Frames, orientation_of, turned_up, up
-from mbpam_ros.description.urdf import gripper_urdf, joint_count
-from mbpam_ros.description.wave_mesh import Wave, WaveError, wave_triangles
+from mbpam_ros.description.urdf import gripper_urdf, joint_count, muscle_meshes
+from mbpam_ros.description.wave_mesh import Wave, WaveError, end_triangles, wave_triangles
 from mbpam_ros.geometry.stl import binary_stl
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.vision.camera import camera_pose, load_camera_config
@@ -25,7 +26,6 @@ from mbpam_ros.vision.camera import camera_pose, load_camera_config
 GRIPPER = load_gripper()
 JOINTS = joint_count(GRIPPER)
 CAMERA = camera_pose(load_camera_config())
-WAVE = Wave(0.010, 0.0025, 0.002, 0.0023, 0.007)
 
 
 def urdf(prefix=""):
@@ -84,22 +84,85 @@ def test_two_grippers_share_no_link_and_the_camera_looks_as_its_file_says():
     np.testing.assert_allclose(place, CAMERA.position_m, atol=1e-8)
 
 
-def test_a_wave_is_a_closed_surface_around_its_silicone():
-    triangles = wave_triangles(WAVE)
+def is_closed(triangles):
+    """Whether every edge lies in two triangles, once in each direction."""
     edges = Counter()
     for corners in triangles.round(12) + 0.0:
         edges.update((tuple(corners[i]), tuple(corners[i - 2])) for i in range(3))
-    assert set(edges.values()) == {1} and all((end, start) in edges for start, end in edges)
-    volume_m3 = np.linalg.det(triangles).sum() / 6.0
-    z = np.linspace(-0.5, 0.5, 2001) * WAVE.length_m
-    outer = WAVE.crest_radius_m - 0.5 * WAVE.amplitude_m * (1.0 - np.cos(2.0 * np.pi * z / WAVE.length_m))
-    inner, half = outer - WAVE.wall_m, 0.5 * WAVE.cross_m
-    first = np.arcsin(half / inner)
-    chamber = inner**2 * (0.25 * np.pi - first) - half * (inner * np.cos(first) - half)
-    assert volume_m3 == pytest.approx(np.trapezoid(np.pi * outer**2 - 4.0 * chamber, z), rel=0.01)
-    assert len(binary_stl(triangles)) == 84 + 50 * len(triangles)
+    return set(edges.values()) == {1} and all((end, start) in edges for start, end in edges)
+
+
+def volume_of(triangles):
+    return np.linalg.det(triangles).sum() / 6.0
+
+
+def drawn_wave(drawing):
+    lengths_mm = (drawing.outer_radius_mm, drawing.a_mm, drawing.b_mm, drawing.c_mm)
+    return Wave(*(1e-3 * length for length in lengths_mm), 1e-3 * drawing.active_length_mm / drawing.wave_count)
+
+
+@pytest.mark.parametrize(("a_mm", "b_mm", "c_mm"), [(2.5, 2.0, 2.3), (1.5, 1.0, 1.5), (3.5, 3.0, 2.5)])
+def test_the_pieces_of_a_muscle_are_closed_and_together_as_large_as_its_drawing(a_mm, b_mm, c_mm):
+    drawing = dataclasses.replace(load_drawing("paper"), a_mm=a_mm, b_mm=b_mm, c_mm=c_mm)
+    wave = drawn_wave(drawing)
+    pieces = wave_triangles(wave), end_triangles(wave, 1e-3 * drawing.end_length_mm)
+    assert all(is_closed(triangles) for triangles in pieces)
+    ends_mm3 = 2.0 * drawing.end_length_mm * math.pi * drawing.outer_radius_mm**2
+    drawn_m3 = 1e-9 * (drawing.section_mm2 * drawing.active_length_mm + ends_mm3)
+    one, end = (volume_of(triangles) for triangles in pieces)
+    assert (drawing.wave_count - 1) * one + 2.0 * end == pytest.approx(drawn_m3, rel=0.01)
+    assert one == pytest.approx(1e-6 * drawing.section_mm2 * wave.length_m, rel=0.01)
+    assert len(binary_stl(pieces[0])) == 84 + 50 * len(pieces[0])
+
+
+def test_the_meshes_of_a_straight_finger_lie_end_to_end():
+    meshes = muscle_meshes(GRIPPER)
+    robot = ElementTree.fromstring(gripper_urdf(GRIPPER, CAMERA.rotation, CAMERA.position_m, meshes="file:///m"))
+    ranges = []
+    for link in robot.iter("link"):
+        for visual in link.iter("visual"):
+            if link.get("name").startswith("finger_3") and (mesh := visual.find("geometry/mesh")) is not None:
+                rotation, place = pose_of(robot, link.get("name"), dict.fromkeys(BEND_NAMES, 0.0))
+                origin = visual.find("origin")
+                turn = rotation * Rotation.from_euler("xyz", [float(each) for each in origin.get("rpy").split()])
+                place = place + rotation.apply([float(each) for each in origin.get("xyz").split()])
+                points = turn.apply(meshes[mesh.get("filename").removeprefix("file:///m/")].reshape(-1, 3)) + place
+                ranges.append((points[:, 2].min(), points[:, 2].max()))
+    low, high = np.array(sorted(ranges)).T
+    np.testing.assert_allclose([low[0], high[-1]], [0.0, GRIPPER.rod_geometry.length_m], atol=1e-8)
+    np.testing.assert_allclose(low[1:], high[:-1], atol=1e-8)
+
+
+def test_a_wave_without_chambers_is_refused():
     with pytest.raises(WaveError, match="no chamber is left in the valleys"):
         Wave(0.010, 0.0025, 0.002, 0.0062, 0.007)
+
+
+def test_the_pieces_of_a_muscle_cover_the_solid_that_its_moulds_cast():
+    pytest.importorskip("manifold3d")
+    from mbpam_ros.study.muscle.solids import muscle_solid
+
+    drawing = load_drawing("paper")
+    wave, solid_m = drawn_wave(drawing), 1e-3 * drawing.end_length_mm
+    end = end_triangles(wave, solid_m)
+    tip = end * [1.0, -1.0, -1.0] + [0.0, 0.0, 2.0 * solid_m + 1e-3 * drawing.active_length_mm]
+    waves = [
+        wave_triangles(wave) + [0.0, 0.0, solid_m + number * wave.length_m]
+        for number in range(1, round(drawing.wave_count))
+    ]
+    cast = muscle_solid(drawing)
+    for piece in (end, *waves, tip):
+        low, high = 1e3 * piece[..., 2].min(), 1e3 * piece[..., 2].max()
+        slab = cast.trim_by_plane((0.0, 0.0, 1.0), low).trim_by_plane((0.0, 0.0, -1.0), -high)
+        assert 1e9 * volume_of(piece) == pytest.approx(slab.volume(), rel=0.01)
+        corners = slab.to_mesh().vert_properties[:, :3]
+        for z_mm in (low, high):  # the solid's own corners there: on the arms' and walls' circle, none beyond it
+            drawn = 1e3 * np.linalg.norm(piece[np.abs(1e3 * piece[..., 2] - z_mm) < 1e-6][:, :2], axis=1).max()
+            at_cut = np.linalg.norm(corners[np.abs(corners[:, 2] - z_mm) < 1e-3][:, :2], axis=1).max()
+            assert drawn == pytest.approx(at_cut, abs=0.02)
+    assert 1e3 * max(np.linalg.norm(piece[..., :2], axis=-1).max() for piece in waves) == pytest.approx(
+        drawing.outer_radius_mm
+    )
 
 
 def test_up_in_the_world_is_up_and_turns_are_turned_with_it():
@@ -116,8 +179,11 @@ def test_the_verb_writes_urdf_and_mesh_that_belong_together(tmp_path, capsys):
     assert main(["urdf"]) == 0
     assert capsys.readouterr().out == urdf()
     assert main(["urdf", "--out", str(tmp_path / "g.urdf"), "--meshes", str(tmp_path / "meshes")]) == 0
-    (address,) = {mesh.get("filename") for mesh in ElementTree.parse(tmp_path / "g.urdf").iter("mesh")}
-    assert address == (tmp_path / "meshes" / "wave.stl").as_uri() and (tmp_path / "meshes" / "wave.stl").exists()
+    text = (tmp_path / "g.urdf").read_text()
+    drawn = [mesh.get("filename") for mesh in ElementTree.fromstring(text).iter("mesh")]
+    files = {(tmp_path / "meshes" / name).as_uri(): (tmp_path / "meshes" / name) for name in ("wave.stl", "end.stl")}
+    assert set(drawn) == set(files) and all(file.stat().st_size > 84 for file in files.values())
+    assert Counter(drawn) == dict(zip(files, (4 * (JOINTS - 1), 4 * 2), strict=True))
 
 
 def test_the_muscle_of_the_drawing_is_drawn(tmp_path, monkeypatch):
@@ -131,6 +197,6 @@ def test_the_muscle_of_the_drawing_is_drawn(tmp_path, monkeypatch):
     thin = load_gripper("thin.yaml")
     robot = ElementTree.fromstring(gripper_urdf(thin, CAMERA.rotation, CAMERA.position_m))
     turning = [joint for joint in robot.iter("joint") if joint.find("mimic") is not None]
-    assert len(turning) == 4 * 2 * 10 and joint_count(GRIPPER) == 15
+    assert len(turning) == 4 * 2 * 9 and joint_count(GRIPPER) == 14
     assert Wave.of_gripper(thin, 0.01).wall_m == pytest.approx(0.0017)
     assert Wave.of_gripper(GRIPPER, 0.007).wall_m == pytest.approx(1e-3 * load_drawing("paper").c_mm)

@@ -1,5 +1,6 @@
 """The least pressure that holds, read from the table, and what is made of it."""
 
+import dataclasses
 import itertools
 import json
 import re
@@ -8,15 +9,21 @@ import numpy as np
 import pytest
 
 from mbpam_ros.configuration import ConfigError
+from mbpam_ros.grasp.arbitration import build_selector, load_grasp_config
 from mbpam_ros.grasp.grip_pressure import (
+    TABLE,
     Expected,
     GripConfig,
     GripPlanner,
     GripTable,
     MassClasses,
     load_grip_table,
+    made_with,
+    table_for,
 )
-from mbpam_ros.grasp.modes import MODE_NAMES
+from mbpam_ros.grasp.modes import MODE_NAMES, load_modes
+from mbpam_ros.grasp.selection import DetectedObject, GraspChoice, Refusal
+from mbpam_ros.gripper import load_gripper
 
 MASSES = [0.05, 0.1, 0.2]
 HIGHEST_PA, STEP_PA = 120e3, 10e3
@@ -156,6 +163,29 @@ def test_a_file_that_is_no_such_table_is_refused_by_name(tmp_path, change, messa
     path.write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(ConfigError, match=rf"table\.json: .*{re.escape(message)}.*mbpam grip-table"):
         load_grip_table(path)
+
+
+def test_a_table_tells_nothing_of_other_muscles_or_fingers_elsewhere(tmp_path):
+    gripper = load_gripper()
+    assert table_for(TABLE, gripper) == TABLE and table_for(None, gripper) is None
+    for change in ({"muscle": "half", "target": "fe"}, {"finger_circle_radius_m": 0.06}):
+        other = dataclasses.replace(gripper, **change)
+        assert table_for(TABLE, other) is None
+        own = tmp_path / "own.json"
+        own.write_text(json.dumps({"settings": {"gripper": made_with(other)}}), encoding="utf-8")
+        assert table_for(own, other) == own
+    own.write_text(json.dumps({"settings": {}}), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"own\.json: no table that tells of its gripper .*mbpam grip-table"):
+        table_for(own, gripper)
+
+
+def test_what_the_table_says_of_other_fingers_refuses_no_object():
+    config, modes, gripper = load_grasp_config(), load_modes(), load_gripper()
+    ball = DetectedObject("ball", "sphere", (0.06, 0.06, 0.06), (0.0, 0.0, 0.085), (0.0, 0.0, 0.0, 1.0), 1.0)
+    refused = build_selector(config, gripper, modes).select(ball, weighing(1.0))
+    assert isinstance(refused, Refusal) and "too heavy: 1000 g" in refused.reason
+    closer = dataclasses.replace(gripper, finger_circle_radius_m=0.045)
+    assert isinstance(build_selector(config, closer, modes).select(ball, weighing(1.0)), GraspChoice)
 
 
 @pytest.mark.parametrize(

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import math
 
@@ -10,6 +11,7 @@ from mbpam_ros.study.executors import ThisProcess
 from mbpam_ros.study.fe import end_effect
 from mbpam_ros.study.fe.end_effect import ShortMuscle, end_effect_table
 from mbpam_ros.study.fe.loaded_muscle import MuscleModel
+from mbpam_ros.study.fe.material import Silicone
 from mbpam_ros.study.fe.mesh import CellGeometry
 from mbpam_ros.terminal import Progress
 
@@ -38,6 +40,19 @@ def test_the_waves_are_sheared_about_as_a_rod_of_their_material():
     """GA next to 5/6 EA / 3 with the unit cell's EA, 67 N for the finer wall."""
     effect = ShortMuscle(COARSE, "pdc", 4).effect(0.0)
     assert 1.0 / effect.shear_per_n == pytest.approx(67.0 / 3.0 * 5.0 / 6.0, rel=0.35)
+
+
+@pytest.mark.slow
+def test_a_smaller_muscle_of_a_softer_silicone_has_similar_ends():
+    """Half the size, a third of the modulus: at a third of the pressure the same turn, and yield of the same law."""
+    paper, soft = ShortMuscle(COARSE, "pdc", 2).effect(0.04), Silicone()
+    constants = {name: value / 3.0 for name, value in dataclasses.asdict(soft).items()}
+    size = CellGeometry(a_mm=1.25, b_mm=1.0, c_mm=1.05, outer_radius_mm=5.0, active_length_mm=50.0)
+    small = ShortMuscle(MuscleModel(size, "coarse", 2.0, silicone=Silicone(**constants)), "pdc", 2).effect(0.04 / 3.0)
+    assert small.turn_rad == pytest.approx(paper.turn_rad, rel=1e-4)
+    assert (2.0 * small.length_mm, 2.0 * small.shift_mm) == pytest.approx((paper.length_mm, paper.shift_mm), rel=1e-3)
+    assert small.compliance_rad_per_n_mm == pytest.approx(24.0 * paper.compliance_rad_per_n_mm, rel=1e-2)
+    assert small.shear_per_n == pytest.approx(12.0 * paper.shear_per_n, rel=1e-3)
 
 
 def test_an_odd_number_of_waves_is_refused():

@@ -161,4 +161,5 @@ def test_without_felupe_the_extra_is_named(monkeypatch, capsys):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "felupe", None)
     assert main(["fe", "paper", "--json", "x"]) == 1
-    assert "pip install '.[fem]'" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert said.endswith("; pip install 'mbpam_ros[fem]'\n") and said.count("pip install") == 1

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+import yaml
 
 pytest.importorskip("felupe")
 from mbpam_ros.actuator.drawing import load_drawing
@@ -14,10 +15,13 @@ from mbpam_ros.actuator.end_law import finite_element_end_law
 from mbpam_ros.actuator.gas_volume import gas_volume_tables
 from mbpam_ros.actuator.metamodel import METAMODELS
 from mbpam_ros.commands.mbpam import main
-from mbpam_ros.configuration import ConfigError, config_directory
+from mbpam_ros.configuration import ConfigError, config_directory, load_yaml
+from mbpam_ros.grasp.arbitration import Phase
 from mbpam_ros.gripper import load_gripper
+from mbpam_ros.plant.fidelity import FidelityRequest
 from mbpam_ros.pneumatics.config import load_pneumatics
 from mbpam_ros.pneumatics.registry import build_pneumatics
+from mbpam_ros.simulation import Simulation, grasp_and_lift
 from mbpam_ros.study.design import compare_metamodels, optimise_design
 from mbpam_ros.study.design.latin_hypercube import optimal_latin_hypercube
 from mbpam_ros.study.fe.solve import LoadStepError
@@ -94,6 +98,22 @@ def ends_that_turn_twice_as_far(model, path, executor, progress, pressures_kpa):
     return {**ends, "failures": {}}
 
 
+def lifts_a_ball_of_30_mm(config, gripper):
+    """Whether a gripper of half the size grasps, holds and lifts it, with chambers of volumes of their own."""
+    ball = {"shape": "sphere", "size_m": [0.03, 0.03, 0.03], "mass_kg": 0.008, "colour_rgb": [1.0, 0.0, 0.0]}
+    objects = load_yaml("objects.yaml")
+    objects["objects"]["ball"] = objects["objects"]["bulb"] | ball
+    (config / "objects.yaml").write_text(yaml.safe_dump(objects))
+    scene = load_yaml("scenes/bulb.yaml") | {"object": "ball", "object_position_m": [0.0, 0.0, 0.0425]}
+    scene["support"] = {"depth_m": 0.0575, "half_size_m": [0.005, 0.005], "stand_height_m": 0.1}
+    (config / "scenes" / "ball.yaml").write_text(yaml.safe_dump(scene))
+    request = FidelityRequest(tier="arc", pneumatics="iso6358", sub_step_s=0.002)
+    simulation = Simulation("ball", request, gripper)
+    seen = grasp_and_lift(simulation)
+    lifted_m = 0.0425 - float(seen.objects[0].in_world.position_m[2])
+    return simulation.decision.phase is Phase.HOLDING and lifted_m > 0.09
+
+
 def test_the_run_goes_on_where_it_was_and_ends_in_a_gripper_of_that_muscle(half, capsys):
     command = ["muscle", "build", "half", "--samples", "14", "--checks", "4", "--patterns", "pdc", "--workers", "1"]
     assert main([*command, "--keep-as", "half_chosen", "--ends", "coarse"]) == 0
@@ -119,6 +139,7 @@ def test_the_run_goes_on_where_it_was_and_ends_in_a_gripper_of_that_muscle(half,
     assert np.allclose(gas_volume_tables(small.gas_law).pdc, eighth, rtol=1e-9, atol=0.0)
     air = [build_pneumatics("iso6358", CHAMBER, law).amount_j for law in (small.gas_law, None)]
     assert (air[0] - air[1]).max() < 0.0  # what the plant lets in
+    assert lifts_a_ball_of_30_mm(half, small)
     moment, stiffness = small.rod_law().at_nominal_pressure("pdc")
     (folder / "ends.json").unlink()  # then similar to the paper's, whose turn is half as far
     similar, _ = small.rod_law().at_nominal_pressure("pdc")
@@ -191,7 +212,8 @@ def test_what_a_silicone_bears_is_of_its_data_or_of_its_test(tmp_path):
         (["paper", "--law-to", "90"], "--law-to must be 100 to 200 kPa"),
         (["paper", "--patterns", "psc"], "--patterns psc: pdc, or pdc,psc"),
         (["paper", "--keep-as", "paper"], "no drawing that there is already"),
-        (["../paper"], "no muscle"),
+        (["../paper"], "a muscle is named by letters, digits, _ and -, without path or suffix, found '../paper'"),
+        (["paper", "--largest-stretch", "0"], "--largest-stretch must be above 1"),
     ],
 )
 def test_what_cannot_be_built_is_one_line(arguments, message, capsys):
