@@ -19,8 +19,8 @@ from mbpam_ros.vision.camera import Camera
 _CORNERS = 12
 _NEAREST = 0.05  # of a ray's direction along the axis: farther than 87 deg off it no image reaches
 _SUBPIXEL_BITS = 4
-_LONGEST_PIECE_M = 0.02
-_LONGEST_STRIDE_M = 0.03  # of a tip from posture to posture
+_PIECE_M = 0.02
+_LONGEST_STRIDE_M = 0.04  # of a tip from posture to posture
 
 
 class FingerMask:
@@ -45,13 +45,15 @@ class FingerMask:
         self._mask = np.zeros(self._shape, np.uint8)
 
     def of(self, fingers_m: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Return (h, w) uint8, not 0 where fingers told to have these centre lines, (k, n >= 2, 3), may hide something."""
+        """Return (h, w) uint8, not 0 where fingers told to be at (k, n >= 2, 3) may hide what is behind."""
         if not np.array_equal(fingers_m, self._fingers_m):
             self._fingers_m, self._mask = fingers_m.copy(), self._drawn(fingers_m)
         return self._mask
 
     def _drawn(self, fingers_m: NDArray[np.float64]) -> NDArray[np.uint8]:
         mask = np.zeros(self._shape, np.uint8)
+        if len(fingers_m) == 0:
+            return mask
         farthest = bent_by(_in_short_pieces(fingers_m), 1.0 + self._bend_margin)
         path_m = float(np.linalg.norm(farthest[:, -1] - bent_by(farthest, 0.0)[:, -1], axis=1).max())
         strides = math.ceil(path_m / _LONGEST_STRIDE_M)
@@ -99,13 +101,13 @@ def bent_by(fingers_m: NDArray[np.float64], share: float) -> NDArray[np.float64]
 
 
 def _in_short_pieces(fingers_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same lines through the fewest points, evenly spaced between the told ones or of them, for short pieces."""
+    """The same lines through points about :data:`_PIECE_M` apart."""
     longest_m = float(np.linalg.norm(np.diff(fingers_m, axis=1), axis=2).max())
-    if longest_m > _LONGEST_PIECE_M:
-        parts = math.ceil(longest_m / _LONGEST_PIECE_M)
+    if longest_m > 1.5 * _PIECE_M:
+        parts = math.ceil(longest_m / _PIECE_M)
         shares = (np.arange(parts) / parts)[:, None]
         between = fingers_m[:, :-1, None] + shares * np.diff(fingers_m, axis=1)[:, :, None]
         return np.concatenate([between.reshape(len(fingers_m), -1, 3), fingers_m[:, -1:]], axis=1)
-    skip = max(int(_LONGEST_PIECE_M / max(longest_m, 1e-6)), 1)
+    skip = max(round(_PIECE_M / max(longest_m, 1e-6)), 1)
     kept = [*range(0, fingers_m.shape[1] - 1, skip), fingers_m.shape[1] - 1]
     return fingers_m[:, kept]
