@@ -85,7 +85,7 @@ class Background:
         Raises:
             BackgroundError: fingers hid it there in all of so many frames.
         """
-        unknown = np.count_nonzero(wanted & ~self.known) / max(np.count_nonzero(wanted), 1)
+        unknown = float(np.mean(~self.known[wanted])) if wanted.any() else 0.0
         if unknown > _MOST_UNKNOWN:
             raise BackgroundError(
                 f"fingers hid {unknown:.1%} of what open fingers leave free of the table in all of {frames} images; "
