@@ -1,8 +1,8 @@
 """Which pixels the fingers may hide: tubes about their centre lines, wherever they may be between open and told.
 
 A finger that meets something, or lags behind what is told of it, bends less than told; so what is masked is all that it
-passes on its way from where it hangs open to a little past where it is told to be. That way is cut into pieces, each the
-hull of a few balls, and so is what a piece hides: of each ball the cone of tangents from the eye, drawn as a polygon.
+passes on its way from where it hangs open to a little past where it is told to be. That way is cut into pieces, each
+the hull of a few balls, and so is what a piece hides: the tangents from the eye to each ball, drawn as a polygon.
 """
 
 from __future__ import annotations
