@@ -138,7 +138,7 @@ def test_while_fingers_move_the_table_is_learnt_where_they_are_not():
     assert known.mean() > 0.995
     assert np.quantile(error, 0.999) < 8.0
     _, error, _ = learnt(0.0, 15.0, 40.0, 80.0, 30.0, told=False)
-    assert np.quantile(error, 0.9) > 40.0
+    assert np.quantile(error, 0.95) > 20.0
 
 
 def test_over_a_table_learnt_under_moving_fingers_nothing_but_the_object_is_seen():

@@ -25,10 +25,8 @@ def bent(angle_deg, azimuths_deg=INWARD_DEG, points=14):
     length_m = float(OPEN[0, 1, 2] - OPEN[0, 0, 2])
     angle = np.radians(max(angle_deg, 1e-6)) * np.linspace(0.0, 1.0, points)
     aside, down = length_m * (1.0 - np.cos(angle)) / angle[-1], length_m * np.sin(angle) / angle[-1]
-    azimuth = np.radians(azimuths_deg)
-    arcs = np.stack(
-        [np.outer(np.cos(azimuth), aside), np.outer(np.sin(azimuth), aside), np.tile(down, (4, 1))], axis=-1
-    )
+    x, y = np.cos(np.radians(azimuths_deg)), np.sin(np.radians(azimuths_deg))
+    parts = np.outer(x, aside), np.outer(y, aside), np.tile(down, (4, 1))
     return OPEN[:, :1] + np.stack(parts, axis=-1)
 
 

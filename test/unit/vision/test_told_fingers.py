@@ -26,7 +26,7 @@ def told(*words):
 
 
 def answers(events):
-    """What is told of the images when words and images come in this order; an image is answered once none is awaited."""
+    """What is told of each image when words and images come in this order."""
     fingers, waiting, result = ToldFingers(OPEN), [], {}
     for kind, stamp_s in events:
         if kind == "image":
