@@ -53,11 +53,11 @@ class FingerMask:
         mask = np.zeros(self._shape, np.uint8)
         if len(fingers_m) == 0:
             return mask
-        farthest = bent_by(_in_short_pieces(fingers_m), 1.0 + self._bend_margin)
-        path_m = float(np.linalg.norm(farthest[:, -1] - bent_by(farthest, 0.0)[:, -1], axis=1).max())
+        lines, most = _in_short_pieces(fingers_m), 1.0 + self._bend_margin
+        straight, farthest = bent_by(lines, np.array([0.0, most]))
+        path_m = float(np.linalg.norm((farthest - straight)[:, -1], axis=1).max())
         strides = math.ceil(path_m / _LONGEST_STRIDE_M)
-        shares = np.linspace(0.0, 1.0, strides + 1)
-        postures = np.stack([bent_by(farthest, share) for share in shares])  # (strides + 1, k, n, 3)
+        postures = bent_by(lines, most * np.arange(strides + 1) / max(strides, 1))
         optical = (postures - self._camera.position_m) @ self._camera.rotation
         outlines, shown = self._outlines(optical), optical[..., 2] > -self._radius_m
         if strides:  # what lies between two postures and two points along a finger
@@ -87,16 +87,17 @@ class FingerMask:
         return np.round(coarse * 2**_SUBPIXEL_BITS).astype(np.int32)
 
 
-def bent_by(fingers_m: NDArray[np.float64], share: float) -> NDArray[np.float64]:
-    """Return centre lines, (k, n, 3) in ``gripper_base``, bent by a share of what these are; at 0 they hang along z."""
+def bent_by(fingers_m: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return centre lines, (p, k, n, 3), bent by shares, (p,), of what (k, n, 3) are; at 0 they hang along z."""
     steps = np.diff(fingers_m, axis=1)
     lengths = np.linalg.norm(steps, axis=2)
     aside = np.hypot(steps[..., 0], steps[..., 1])
-    angle = share * np.arctan2(aside, steps[..., 2])
+    angle = shares[:, None, None] * np.arctan2(aside, steps[..., 2])
     aside_share = np.sin(angle) / np.maximum(aside, 1e-12)
     bent = np.stack([aside_share * steps[..., 0], aside_share * steps[..., 1], np.cos(angle)], axis=-1)
-    clamps = fingers_m[:, :1]
-    return np.concatenate([clamps, clamps + np.cumsum(lengths[..., None] * bent, axis=1)], axis=1)
+    way = np.zeros((len(shares), *fingers_m.shape))
+    np.cumsum(lengths[..., None] * bent, axis=2, out=way[:, :, 1:])
+    return fingers_m[:, :1] + way
 
 
 def _in_short_pieces(fingers_m: NDArray[np.float64]) -> NDArray[np.float64]:
