@@ -10,16 +10,31 @@ empty table, and with a depth image. The sets "tune" and "report" share no table
 
 fits the weights of the confidence to all that the detector weighs in these images, and writes a detector file with
 them.
+
+    mbpam judge-detector --bent-fingers
+
+takes the plant instead, whose hand closes over the paper's objects and over an empty table.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 from collections import defaultdict
+from typing import Any
 
 from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.configuration import config_path
+from mbpam_ros.grasp.modes import MODE_NAMES
+from mbpam_ros.study.judge.bent_fingers import (
+    OBJECTS,
+    PRESSURES_PA,
+    BentSight,
+    bent_figures,
+    look_at_bent_fingers,
+    mask_cost_s,
+)
 from mbpam_ros.study.judge.judge import Judged, contact_sheet, figures, judge_scenes, without_budget
 from mbpam_ros.study.judge.reliability_diagram import draw_reliability
 from mbpam_ros.study.judge.tuning import refitted, with_weights
@@ -27,7 +42,7 @@ from mbpam_ros.study.pictures import require_matplotlib
 from mbpam_ros.study.provenance import machine, versions
 from mbpam_ros.study.result_file import write_json
 from mbpam_ros.terminal import Progress, table
-from mbpam_ros.vision.detector import SOURCES, load_detector_config
+from mbpam_ros.vision.detector import SOURCES, DetectorConfig, load_detector_config
 from mbpam_ros.vision.image_file import write_image
 
 _COLUMNS = ("recall", "shape_right", "mode_right", "wrong_mode", "width_error_p95_mm", "false_alarms_per_image")
@@ -42,6 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--renderers", nargs="+", choices=("own", "mujoco"), default=("own", "mujoco"), help="(default: both)"
     )
     parser.add_argument("--detector", default="detector.yaml", metavar="YAML", help="thresholds and weights")
+    parser.add_argument(
+        "--bent-fingers", action="store_true", help="instead: a hand that closes, told of its fingers and not"
+    )
     parser.add_argument("--all-the-time", action="store_true", help="without the budget of processor time")
     parser.add_argument("--json", type=result_file, metavar="FILE", help="where the figures go")
     parser.add_argument(
@@ -60,6 +78,8 @@ def run(options: argparse.Namespace) -> int:
     if options.all_the_time:
         config = without_budget(config)
     progress = Progress()
+    if options.bent_fingers:
+        return _judge_bent_fingers(options, config, progress)
     judged: dict[tuple[str, str], list[Judged]] = defaultdict(list)
     seeds = range(options.seed, options.seed + options.images)
     for renderer in options.renderers:
@@ -87,6 +107,30 @@ def run(options: argparse.Namespace) -> int:
     if options.sheet is not None:
         write_image(options.sheet, contact_sheet([item for items in judged.values() for item in items]))
     return 0
+
+
+def _judge_bent_fingers(options: argparse.Namespace, config: DetectorConfig, progress: Progress) -> int:
+    sights: list[BentSight] = []
+    runs = len(PRESSURES_PA) * (len(OBJECTS) + len(MODE_NAMES))
+    for count, run_sights in enumerate(look_at_bent_fingers(config), 1):
+        sights += run_sights
+        progress.show(f"{count} of {runs} times closed")
+    rows = bent_figures(sights)
+    head = ("over", "kPa", "told", "images", *(f"{source}: recall, false alarms" for source in SOURCES))
+    print(table(head, [_bent_row(row) for row in rows]))
+    costs_ms = {f"{bend_deg}": 1e3 * mask_cost_s(config, math.radians(bend_deg)) for bend_deg in (0, 12, 34, 98)}
+    print("; ".join(f"mask at {bend_deg} deg: {cost_ms:.2f} ms" for bend_deg, cost_ms in costs_ms.items()))
+    if options.json is not None:
+        made_with = {**machine(), **versions("numpy", "opencv-python-headless")}
+        write_json(options.json, {"settings": made_with, "figures": rows, "mask_ms_by_bend_deg": costs_ms})
+    return 0
+
+
+def _bent_row(row: dict[str, Any]) -> tuple[str, ...]:
+    recall = "-" if row["over"] == "empty table" else "{:.2f}"
+    shares = (f"{recall.format(row[f'{s}_recall'])}, {row[f'{s}_false_alarms']:.2f}" for s in SOURCES)
+    told = "yes" if row["told"] else "no"
+    return row["over"], f"{1e-3 * row['pressure_gauge_pa']:.0f}", told, f"{row['images']:.0f}", *shares
 
 
 def _text(content: dict[str, dict]) -> str:

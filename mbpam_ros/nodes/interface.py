@@ -121,7 +121,7 @@ TOPICS = (
         "effort: available tip force [N]; position: 1 sigma of the bend [rad]",
         ("state_estimator",),
     ),
-    Topic("finger_markers", _MARKERS, "estimated shapes", ("state_estimator",)),
+    Topic("finger_markers", _MARKERS, "estimated shapes", ("state_estimator",), ("object_detector",)),
     Topic("plant/finger_markers", _MARKERS, "true shapes", ("plant",)),
     Topic(
         "gravity",

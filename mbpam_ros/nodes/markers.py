@@ -8,10 +8,11 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import Marker
+from visualization_msgs.msg import Marker, MarkerArray
 
+from mbpam_ros.actuator.chambers import FINGER_COUNT
 from mbpam_ros.geometry.solids import Shape
-from mbpam_ros.nodes.messages import point, pose
+from mbpam_ros.nodes.messages import MessageError, point, pose
 
 MARKER_TYPES: dict[Shape, int] = {"sphere": Marker.SPHERE, "cylinder": Marker.CYLINDER, "box": Marker.CUBE}
 SHAPES = {marker_type: shape for shape, marker_type in MARKER_TYPES.items()}
@@ -42,6 +43,27 @@ def finger_markers(
             marker.points = [point(position) for position in line]
         markers.append(marker)
     return markers
+
+
+def finger_lines(message: MarkerArray, frame_id: str) -> tuple[Time, NDArray[np.float64] | None]:
+    """Return stamp and centre lines, (4, n, 3), of what :func:`finger_markers` made; None if one is not known.
+
+    Raises:
+        MessageError: not four line strips of so many points each, in another frame, or a point that is not finite.
+    """
+    markers = [marker for marker in message.markers if marker.ns == "finger"]
+    if sorted(marker.id for marker in markers) != list(range(FINGER_COUNT)):
+        raise MessageError(f"it must hold the markers 0 to {FINGER_COUNT - 1} of the namespace 'finger'")
+    header = markers[0].header
+    if any(marker.header.frame_id != frame_id for marker in markers):
+        raise MessageError(f"header.frame_id must be {frame_id!r}, found {header.frame_id!r}")
+    if any(marker.action != Marker.ADD for marker in markers):
+        return header.stamp, None
+    counts = {len(marker.points) for marker in markers}
+    lines = np.array([(at.x, at.y, at.z) for marker in markers for at in marker.points])
+    if len(counts) != 1 or counts.pop() < 2 or not np.isfinite(lines).all():
+        raise MessageError("each finger must have as many points as the others, two or more, all finite")
+    return header.stamp, lines.reshape(FINGER_COUNT, -1, 3)
 
 
 def solid_marker(

@@ -2,6 +2,7 @@
 
 A frame is looked at in a thread of its own, one at a time, so that in one process with the valves a slow frame delays
 none of their ticks; images that come meanwhile are passed over, and what is found is published by the next timer tick.
+An image waits until where the fingers were is told (:mod:`~mbpam_ros.vision.told_fingers`), if anybody tells it.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import copy
 import sys
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mbpam_ros.nodes.runtime import STREAM, GripperNode, Health, NodeOptions, run  # isort: skip
 import cv2
@@ -27,7 +28,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.description.frames import Frames
 from mbpam_ros.gripper import load_gripper
-from mbpam_ros.nodes.markers import colour, delete_all, mark_hidden_lengths, solid_marker
+from mbpam_ros.nodes.markers import colour, delete_all, finger_lines, mark_hidden_lengths, solid_marker
 from mbpam_ros.nodes.messages import MessageError, image_pixels, seconds
 from mbpam_ros.nodes.parameters import Parameter
 from mbpam_ros.nodes.transforms import FRAME_PREFIX
@@ -35,15 +36,16 @@ from mbpam_ros.nodes.vision_detections import DetectionBroadcaster
 from mbpam_ros.vision.background import BackgroundError
 from mbpam_ros.vision.camera import CameraData, CameraError, Intrinsics, camera_pose, load_camera_config
 from mbpam_ros.vision.depth import DepthError, DepthImage, depth_in_metres
-from mbpam_ros.vision.detector import ImageError, ObjectDetector, Sighting, load_detector_config
+from mbpam_ros.vision.detector import ImageError, ObjectDetector, Sighting, load_detector_config, open_fingers
 from mbpam_ros.vision.overlay import draw_overlay
 from mbpam_ros.vision.stillness import FrozenCamera, is_same_scene
+from mbpam_ros.vision.told_fingers import ToldFingers, UnderHand
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 PARAMETERS = (
-    Parameter("gripper", "gripper.yaml", "gripper file: the open fingers, which hide parts of the view"),
+    Parameter("gripper", "gripper.yaml", "gripper file: the fingers, which hide parts of the view"),
     Parameter("camera", "camera.yaml", "camera file: pose of the camera in gripper_base"),
     Parameter("detector", "detector.yaml", "detector file: thresholds"),
     Parameter("support_depth_m", 0.115, "depth of the surface under the objects below the palm [m]", 0.02, 2.0, True),
@@ -69,6 +71,16 @@ POLL_PERIOD_S = 0.005
 _UNUSABLE = (MessageError, ImageError, CameraError, BackgroundError, DepthError)
 
 
+class _Frame(NamedTuple):
+    """An image with what belongs to it."""
+
+    message: Image
+    image: NDArray[np.uint8]
+    intrinsics: Intrinsics
+    distortion: NDArray[np.float64]
+    depth: DepthImage | None
+
+
 class ObjectDetectorNode(GripperNode):
     """Adapter around :class:`ObjectDetector`."""
 
@@ -78,9 +90,10 @@ class ObjectDetectorNode(GripperNode):
         super().__init__("object_detector", PARAMETERS, **node_options)
         self._frame = Frames(self.text("frame_prefix")).base
         camera = load_camera_config(self.text("camera"))
-        self._detector = ObjectDetector(
-            load_detector_config(self.text("detector")), camera_pose(camera), load_gripper(self.text("gripper"))
-        )
+        gripper = load_gripper(self.text("gripper"))
+        self._detector = ObjectDetector(load_detector_config(self.text("detector")), camera_pose(camera), gripper)
+        self._fingers = ToldFingers(open_fingers(gripper))
+        self._under_hand = UnderHand(gripper.finger_circle_radius_m + gripper.geometry.outer_radius_m)
         self._intrinsics: Intrinsics | None = None
         self._distortion: NDArray[np.float64] | None = None
         self._depth_intrinsics: Intrinsics | None = None
@@ -91,8 +104,9 @@ class ObjectDetectorNode(GripperNode):
         self._seen: Sighting | None = None
         self._found_in: tuple[tuple[object, ...], NDArray[np.uint8]] | None = None
         self._frozen = FrozenCamera(self.number("frozen_after_s"))
-        self._learning: list[NDArray[np.uint8]] | None = None
-        self._work: tuple[Future[Sighting], Image, NDArray[np.uint8], tuple[object, ...]] | None = None
+        self._learning: list[tuple[NDArray[np.uint8], NDArray[np.float64] | None]] | None = None
+        self._waiting: _Frame | None = None
+        self._work: tuple[Future[Sighting], _Frame, tuple[object, ...], bool] | None = None
 
         self._detections = self.create_publisher(MarkerArray, "detections", STREAM)
         self._of_others = DetectionBroadcaster(self)
@@ -101,6 +115,7 @@ class ObjectDetectorNode(GripperNode):
         self._listen_to_camera(Image, "camera/image_raw", self._on_image)
         self._listen_to_camera(CameraInfo, "camera/depth/camera_info", self._on_depth_info)
         self._listen_to_camera(Image, "camera/depth/image_raw", self._on_depth)
+        self.create_subscription(MarkerArray, "finger_markers", self._on_finger_markers, STREAM)
         self.create_service(Trigger, "object_detector/learn_background", self._on_learn_background)
         # Runs while a frame is in work alone: in one process with all nodes every tick counts.
         self._poll = self.create_timer(
@@ -200,41 +215,71 @@ class ObjectDetectorNode(GripperNode):
                 raise ImageError("no valid camera_info yet")
             image = image_pixels(message)
             self._frozen.check(seconds(message.header.stamp), message.data)
-            if self._learning is not None:
-                self._learn(image, message.encoding, self._intrinsics, self._distortion)
-            depth = self._depth if 0.0 <= now_s - self._depth_at_s <= self.number("depth_max_age_s") else None
-            depth_m = self.number("support_depth_m")
-            told = (message.encoding, image.shape, self._intrinsics, self._distortion.tobytes(), depth_m)
-            view = (*told, None if depth is None else depth.metres.tobytes(), id(self._detector.background))
-            # In a still scene what was found stands.
-            if self._found_in is not None and view == self._found_in[0] and is_same_scene(image, self._found_in[1]):
-                self._refusals.pop("image", None)
-                self._publish(message, image)
-                return
-            look = self._detector.look
-            arguments = (image, message.encoding, self._intrinsics, self._distortion, depth_m, None, depth)
-            self._work = self._thread.submit(look, *arguments), message, image, view
-            self._poll.reset()
-            if self.value("use_sim_time"):  # simulated time stands still for it, and a run repeats
-                self._work[0].exception()
-                self._take_finished()
         except _UNUSABLE as error:
             self._refuse("image", error)
+            return
+        depth = self._depth if 0.0 <= now_s - self._depth_at_s <= self.number("depth_max_age_s") else None
+        self._waiting = _Frame(message, image, self._intrinsics, self._distortion, depth)
+        self._look_once_told()
+
+    def _on_finger_markers(self, message: MarkerArray) -> None:
+        try:
+            stamp, lines = finger_lines(message, self._frame)
+        except MessageError as error:
+            self.refuse("finger_markers", error)
+            return
+        self._fingers.tell(seconds(stamp), lines)
+        self._look_once_told()
+
+    def _look_once_told(self) -> None:
+        """Look at the image that waits, unless where the fingers were in it is still to be told."""
+        frame = self._waiting
+        if frame is None or self._fingers.awaited(seconds(frame.message.header.stamp)):
+            return
+        self._waiting = None
+        try:
+            self._look(frame, self._fingers.at(seconds(frame.message.header.stamp)))
+        except _UNUSABLE as error:
+            self._refuse("image", error)
+
+    def _look(self, frame: _Frame, told_m: NDArray[np.float64] | None) -> None:
+        message, image, intrinsics, distortion, depth = frame
+        if self._learning is not None:
+            self._learn(frame, told_m)
+        fingers_m = told_m if self._under_hand.is_empty else None
+        depth_m = self.number("support_depth_m")
+        view = (
+            *(message.encoding, image.shape, intrinsics, distortion.tobytes(), depth_m, id(self._detector.background)),
+            *(None if each is None else each.tobytes() for each in (depth.metres if depth else None, fingers_m)),
+        )
+        # In a still scene what was found stands.
+        if self._found_in is not None and view == self._found_in[0] and is_same_scene(image, self._found_in[1]):
+            self._refusals.pop("image", None)
+            self._publish(message, image)
+            return
+        arguments = (image, message.encoding, intrinsics, distortion, depth_m, fingers_m, depth)
+        self._work = self._thread.submit(self._detector.look, *arguments), frame, view, told_m is None
+        self._poll.reset()
+        if self.value("use_sim_time"):  # simulated time stands still for it, and a run repeats
+            self._work[0].exception()
+            self._take_finished()
 
     def _take_finished(self) -> None:
         """Publish what the thread has found, if it has."""
         if self._work is None or not self._work[0].done():
             return
-        future, message, image, view = self._work
+        future, frame, view, with_open_fingers = self._work
         self._work = None
         self._poll.cancel()
         try:
-            self._seen, self._found_in = future.result(), (view, image)
+            self._seen, self._found_in = future.result(), (view, frame.image)
         except _UNUSABLE as error:
             self._refuse("image", error)
             return
+        if with_open_fingers:
+            self._under_hand.seen(self._seen.detections)
         self._refusals.pop("image", None)
-        self._publish(message, image)
+        self._publish(frame.message, frame.image)
 
     def _publish(self, message: Image, image: NDArray[np.uint8]) -> None:
         self._publish_detections(message)
@@ -257,15 +302,20 @@ class ObjectDetectorNode(GripperNode):
         response.message = f"the next {self.whole('background_frames')} images are taken as the empty table"
         return response
 
-    def _learn(
-        self, image: NDArray[np.uint8], encoding: str, intrinsics: Intrinsics, distortion: NDArray[np.float64]
-    ) -> None:
+    def _learn(self, frame: _Frame, told_m: NDArray[np.float64] | None) -> None:
         assert self._learning is not None
-        self._learning.append(image)
-        if len(self._learning) >= self.whole("background_frames"):
-            frames, self._learning = self._learning, None
-            self._detector.learn_background(frames, encoding, intrinsics, distortion)
-            self.get_logger().info(f"learnt the empty table from {len(frames)} images")
+        self._learning.append((frame.image, told_m))
+        if len(self._learning) < self.whole("background_frames"):
+            return
+        (images, told), self._learning = zip(*self._learning, strict=True), None
+        try:
+            view = frame.message.encoding, frame.intrinsics, frame.distortion
+            self._detector.learn_background(images, *view, told)
+        except BackgroundError as error:
+            self._refuse("the empty table", error)
+            return
+        self._refusals.pop("the empty table", None)
+        self.get_logger().info(f"learnt the empty table from {len(images)} images")
 
     def _publish_detections(self, message: Image) -> None:
         stamp = message.header.stamp

@@ -77,7 +77,7 @@ class StateEstimatorNode(GripperNode):
         self._bends, self._tip_forces = JointStateForm(BEND_NAMES), JointStateForm(FINGER_NAMES)
         self.create_subscription(JointState, "chamber_states", self._on_chamber_states, NEWEST)
         self.create_subscription(Vector3Stamped, "gravity", self._on_gravity, NEWEST)
-        self.create_timer(1.0 / self.number("marker_rate_hz"), self._publish_markers)
+        self._marker_rate_hz, self._drawn_period = self.number("marker_rate_hz"), -1
         self._transforms = TransformBroadcaster(self)
         self._description = self.create_publisher(String, "robot_description", LATCHED)
         self._describe(camera_pose(load_camera_config(self.text("camera"))))
@@ -152,6 +152,11 @@ class StateEstimatorNode(GripperNode):
             )
         if self._transforms.active or self._tips.get_subscription_count() > 0:
             self._publish_tips(stamp, list(zip(*self._estimator.tips(estimate), strict=True)))
+        # By the stamps, not by a timer: what is drawn of a moment does not depend on what comes first.
+        period = math.floor(seconds(stamp) * self._marker_rate_hz + 1e-6)
+        if period != self._drawn_period and self._markers.get_subscription_count() > 0:
+            self._drawn_period = period
+            self._publish_markers(stamp, estimate)
 
     def _publish_tips(self, stamp: Time, tips: list[tuple[NDArray[np.float64], NDArray[np.float64]]]) -> None:
         message = PoseArray(poses=[pose(*tip) for tip in tips])
@@ -164,11 +169,8 @@ class StateEstimatorNode(GripperNode):
         ]
         self._transforms.send(stamp, known)
 
-    def _publish_markers(self) -> None:
-        if self._estimate is None or self._is_stale() or self._markers.get_subscription_count() == 0:
-            return
-        lines = self._estimator.centrelines(self._estimate)
-        stamp = self.now_stamp()
+    def _publish_markers(self, stamp: Time, estimate: GripperEstimate) -> None:
+        lines = self._estimator.centrelines(estimate)
         radius_m = self._gripper.geometry.outer_radius_m
         markers = finger_markers(stamp, self._frames.base, lines, radius_m, (0.2, 0.6, 1.0))
         self._markers.publish(MarkerArray(markers=markers))

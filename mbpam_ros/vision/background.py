@@ -22,10 +22,11 @@ _FARTHEST_SHIFT_PX = 8.0
 _LEAST_RESPONSE = 0.05
 _WINDOW = (7, 7)
 _SAMPLE = 29  # of the pixels, to compare exposures
+_MOST_UNKNOWN = 0.005  # of the pixels that have to be known
 
 
 class BackgroundError(MbpamError, ValueError):
-    """Frames of the empty table that cannot be used: none, or of different sizes."""
+    """Frames of the empty table that cannot be used: none, of different sizes, or with fingers always in one place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +78,19 @@ class Background:
             np.sqrt(variance.mean(axis=-1)).astype(np.float32),
             np.asarray(seen.any(axis=0))[..., 0],
         )
+
+    def require_known(self, wanted: NDArray[np.bool_], frames: int) -> None:
+        """Check that the table is known wherever it is wanted, (h, w), up to a two-hundredth of that.
+
+        Raises:
+            BackgroundError: fingers hid it there in all of so many frames.
+        """
+        unknown = float(np.mean(~self.known[wanted])) if wanted.any() else 0.0
+        if unknown > _MOST_UNKNOWN:
+            raise BackgroundError(
+                f"fingers hid {unknown:.1%} of what open fingers leave free of the table in all of {frames} images; "
+                "open them, or let them move while it is learnt, over more images"
+            )
 
     def differences(self, image: NDArray[np.uint8], known: NDArray[np.bool_]) -> Masks:
         """What of an image, (h, w, c) of every second pixel, is not the empty table.

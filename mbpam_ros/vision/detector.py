@@ -32,8 +32,8 @@ from mbpam_ros.vision.background import Background, Masks
 from mbpam_ros.vision.camera import Camera, CameraPose, Intrinsics
 from mbpam_ros.vision.confidence import FEATURES, probabilities
 from mbpam_ros.vision.depth import DepthError, DepthImage, Table, aligned, find_table
+from mbpam_ros.vision.finger_mask import FingerMask
 from mbpam_ros.vision.primitives import SHAPE_OF, at_height, place, sizes
-from mbpam_ros.vision.raycast import chords, hit_capsule
 from mbpam_ros.vision.region_fit import COARSE, LONGEST_M, Hypothesis, RegionFit, Surface, load_kernels, same_place
 from mbpam_ros.vision.segmentation import (
     Region,
@@ -53,7 +53,6 @@ Source = Literal["image", "background", "depth"]
 SOURCES: tuple[Source, ...] = ("image", "background", "depth")
 LABELS: dict[str, str] = {"sphere": "sphere", "cylinder": "rod", "box": "box"}
 
-_SAG_M = 5e-4  # of the fingers' chords, well within the margin of their mask
 _MOST_PIECES = 4
 _LEAST_HEIGHT_M = 0.006  # above the plane of a depth image
 _HEIGHT_SIGMAS = 4.0
@@ -74,6 +73,7 @@ class DetectorConfig:
         segmentation: thresholds of the foreground.
         edge_levels: least step of brightness that counts as an edge [8 bit levels per px].
         finger_margin_m: fingers are masked this much thicker than they are.
+        finger_bend_margin: and up to this share of their bend farther than they are told to be bent.
         min_confidence: less certain detections are dropped.
         min_object_size_m: what is smaller in any extent is dropped.
         budget_s: processor time after which no further region is looked at [s].
@@ -83,6 +83,7 @@ class DetectorConfig:
     segmentation: SegmentationConfig
     edge_levels: float
     finger_margin_m: float
+    finger_bend_margin: float
     min_confidence: float
     min_object_size_m: float
     budget_s: float
@@ -90,8 +91,8 @@ class DetectorConfig:
 
     def __post_init__(self) -> None:
         require_positive(self, "edge_levels", "min_object_size_m", "budget_s")
-        if self.finger_margin_m < 0.0 or not 0.0 <= self.min_confidence <= 1.0:
-            raise ValueError("finger_margin_m must not be negative, min_confidence must lie in 0..1")
+        if min(self.finger_margin_m, self.finger_bend_margin) < 0.0 or not 0.0 <= self.min_confidence <= 1.0:
+            raise ValueError("the margins of fingers must not be negative, min_confidence must lie in 0..1")
         if set(self.confidence) != set(SOURCES):
             raise ValueError(f"confidence must have weights for {', '.join(SOURCES)}")
         unknown = {name for weights in self.confidence.values() for name in weights} - set(FEATURES)
@@ -202,7 +203,7 @@ class ObjectDetector:
         self._config = config
         self._pose = pose
         self._finger_radius_m = gripper.geometry.outer_radius_m if gripper else 0.0
-        self._open_fingers = _straight_fingers(gripper) if gripper else None
+        self._open_fingers = open_fingers(gripper) if gripper else None
         self._views: dict[Intrinsics, _View] = {}
         self.background: Background | None = None
         load_kernels()
@@ -241,7 +242,8 @@ class ObjectDetector:
             distortion: D of the CameraInfo, up to 8 coefficients of plumb_bob or rational_polynomial; None or zeros
                 for none.
             support_depth_m: z of the plane the objects stand on, from the palm.
-            finger_centrelines_m: (4, n, 3), where the fingers are if they are not open.
+            finger_centrelines_m: (k, n, 3), where fingers are told to be if they are not open. Masked is what they
+                pass on their way there; the same finger may be told of at two times.
             depth: what a depth camera sees at the same time, rectified.
 
         Raises:
@@ -303,27 +305,43 @@ class ObjectDetector:
         encoding: str,
         intrinsics: Intrinsics,
         distortion: ArrayLike | None,
-        finger_centrelines_m: NDArray[np.float64] | None = None,
+        finger_centrelines_m: Sequence[NDArray[np.float64] | None] | None = None,
     ) -> Background:
         """Take frames, as for :meth:`look`, as the empty table, and return what was learnt.
 
+        What fingers hide in one frame is learnt from the others, so they may move meanwhile.
+
+        Args:
+            frames: images.
+            encoding: of all of them.
+            intrinsics, distortion: likewise.
+            finger_centrelines_m: of each frame, as for :meth:`look`.
+
         Raises:
             ImageError: type, encoding, size or centrelines do not fit.
-            BackgroundError: there are no frames.
+            BackgroundError: there are no frames, or fingers hid a part of the view, which open ones leave free, in all
+                of them. What was learnt before stands.
         """
         lens, view = _lens(distortion), self._view(intrinsics)
-        hidden = self._hidden(view, finger_centrelines_m)
+        told = [None] * len(frames) if finger_centrelines_m is None else finger_centrelines_m
+        hidden = [self._hidden(view, fingers) for fingers in told]
         coarse = []
-        for frame in frames:
+        for frame, mask in zip(frames, hidden, strict=True):
             pixels = _checked(frame, encoding, intrinsics)
             pixels = pixels if lens is None else view.straightened(pixels, lens)
-            coarse.append(_coarse(pixels, hidden.shape))
-        self.background = Background.learn(coarse, [hidden] * len(coarse))
-        return self.background
+            coarse.append(_coarse(pixels, mask.shape))
+        background = Background.learn(coarse, hidden)
+        background.require_known(self._hidden(view, None) == 0, len(coarse))
+        self.background = background
+        return background
 
     def _view(self, intrinsics: Intrinsics) -> _View:
         if intrinsics not in self._views:
-            self._views = {intrinsics: _View(Camera(intrinsics, self._pose))}
+            radius_m = self._finger_radius_m + self._config.finger_margin_m
+            camera = Camera(intrinsics, self._pose)
+            self._views = {
+                intrinsics: _View(camera, FingerMask(camera, COARSE, radius_m, self._config.finger_bend_margin))
+            }
         return self._views[intrinsics]
 
     def _hidden(self, view: _View, finger_centrelines_m: NDArray[np.float64] | None) -> NDArray[np.uint8]:
@@ -331,8 +349,8 @@ class ObjectDetector:
         if finger_centrelines_m is not None:
             fingers = np.asarray(finger_centrelines_m, dtype=float)
             if fingers.ndim != 3 or fingers.shape[1] < 2 or fingers.shape[2] != 3 or not np.isfinite(fingers).all():
-                raise ImageError(f"finger_centrelines_m must be finite and (4, n >= 2, 3), found {fingers.shape}")
-        return view.hidden_by(fingers, self._finger_radius_m + self._config.finger_margin_m)
+                raise ImageError(f"finger_centrelines_m must be finite and (k, n >= 2, 3), found {fingers.shape}")
+        return view.hidden_by(fingers)
 
 
 def described(
@@ -470,23 +488,17 @@ def _distorted(pixels: NDArray, intrinsics: Intrinsics, lens: NDArray) -> NDArra
     return seen.reshape(-1, 2).astype(np.float64, copy=False)
 
 
-def _straight_fingers(gripper: Gripper) -> NDArray[np.float64]:
+def open_fingers(gripper: Gripper) -> NDArray[np.float64]:
+    """Return clamps and tips of the fingers that hang open, (4, 2, 3) [m] in ``gripper_base``."""
     base = gripper.finger_base_m
     return np.stack([base, base + (0.0, 0.0, gripper.geometry.length_m)], axis=1)
 
 
 class _View:
-    """The camera's rays at the coarse pixels, and the mask of the fingers last seen."""
+    """What depends on the camera alone, and the masks of the open fingers and of the last ones told."""
 
-    def __init__(self, camera: Camera) -> None:
-        self.camera = camera
-        k = camera.intrinsics
-        v, u = np.mgrid[0 : k.height_px : COARSE, 0 : k.width_px : COARSE]
-        rays = camera.rays(np.stack([u, v], axis=-1) + 0.5 * (COARSE - 1)).astype(np.float32)
-        x, y, z = (np.ascontiguousarray(rays[..., i]) for i in range(3))
-        self._rays = x, y, z
-        self._fingers: NDArray[np.float64] | None = None
-        self._hidden = np.zeros(self._rays[0].shape, dtype=np.uint8)
+    def __init__(self, camera: Camera, mask: FingerMask) -> None:
+        self.camera, self._mask = camera, mask
         self._maps: tuple[NDArray, NDArray, NDArray] | None = None
 
     def straightened(self, image: NDArray[np.uint8], lens: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -498,20 +510,9 @@ class _View:
         _, u, v = self._maps
         return cv2.remap(image, u, v, cv2.INTER_LINEAR).astype(np.uint8, copy=False)
 
-    def hidden_by(self, fingers_m: NDArray[np.float64] | None, radius_m: float) -> NDArray[np.uint8]:
-        """Coarse mask, (h, w) uint8, of what fingers (4, n, 3) may hide."""
-        if fingers_m is None:
-            return np.zeros_like(self._hidden)
-        if self._fingers is None or not np.array_equal(fingers_m, self._fingers):
-            hidden = np.zeros(self._hidden.shape, dtype=bool)
-            for line in (chords(line, _SAG_M) for line in fingers_m):
-                for start, end in zip(line[:-1], line[1:], strict=True):
-                    x, y, z = (self.camera.position_m - start).astype(np.float32)
-                    hidden |= np.isfinite(
-                        hit_capsule((x, y, z), self._rays, (end - start).astype(np.float32), radius_m)
-                    )
-            self._fingers, self._hidden = np.array(fingers_m), hidden.astype(np.uint8)
-        return self._hidden
+    def hidden_by(self, fingers_m: NDArray[np.float64] | None) -> NDArray[np.uint8]:
+        """Coarse mask, (h, w) uint8, of what fingers (k, n, 3) may hide."""
+        return self._mask.of(np.empty((0, 2, 3)) if fingers_m is None else fingers_m)
 
 
 class _Look(NamedTuple):

@@ -3,6 +3,7 @@
 import array
 import functools
 import math
+import re
 import threading
 from types import SimpleNamespace
 
@@ -19,6 +20,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes import vision_detections
+from mbpam_ros.nodes.markers import finger_markers
 from mbpam_ros.nodes.messages import time_stamp
 from mbpam_ros.nodes.object_detector import ObjectDetectorNode
 from mbpam_ros.plant.scene import load_scene
@@ -28,6 +30,7 @@ from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
 SCENES = ("tomato", "bulb", "banana", "tube", "carton")
 MARKER_TYPES = {"sphere": Marker.SPHERE, "cylinder": Marker.CYLINDER, "box": Marker.CUBE}
 WITHIN_M = 0.005
+CLOSING_DEG = (12.0, 24.0, 36.0, 48.0, 60.0)
 CAMERA = load_camera_config()
 INTRINSICS = camera_intrinsics(CAMERA)
 
@@ -403,6 +406,105 @@ def test_the_empty_table_is_learnt_by_a_service(graph):
     (found,) = camera.show(image(photograph("bulb")))
     assert camera.node.health().values["source"] == "background"
     assert math.isclose(found.scale.x, 0.060, abs_tol=WITHIN_M)
+
+
+def arcs(angle_deg):
+    """Fingers bent inward, (4, 14, 3)."""
+    base, length_m = load_gripper().finger_base_m[:, None], load_gripper().geometry.length_m
+    angle = np.radians(max(angle_deg, 1e-6)) * np.linspace(0.0, 1.0, 14)[:, None]
+    inward = -base / np.linalg.norm(base, axis=2, keepdims=True)
+    return base + length_m / angle[-1] * ((1.0 - np.cos(angle)) * inward + np.sin(angle) * [0.0, 0.0, 1.0])
+
+
+@functools.cache
+def hand(angle_deg):
+    """An image of fingers bent so far over an empty table."""
+    return Renderer.from_config(CAMERA).render(SceneView(0.14, (), arcs(angle_deg)), np.random.default_rng(0))
+
+
+class Fingers:
+    """Tells the camera's node where the fingers are."""
+
+    def __init__(self, camera):
+        self._camera = camera
+        self.words = camera.graph.publisher(MarkerArray, "finger_markers")
+
+    def message(self, time_s, angle_deg, frame="gripper_base"):
+        markers = finger_markers(time_stamp(time_s), frame, arcs(angle_deg), 0.01, (1.0, 1.0, 1.0))
+        return MarkerArray(markers=markers)
+
+    def tell(self, time_s, angle_deg):
+        """Have the node hear where they are at a time."""
+        self.words.publish(self.message(time_s, angle_deg))
+        after = lambda: self._camera.node._fingers.awaited(time_s + 0.01)  # noqa: E731
+        self._camera.graph.spin_until(after, "the word heard")
+
+    def show(self, angle_deg):
+        """Show bent fingers, told of just before and just after, and return what is seen."""
+        seen = len(self._camera.detections)
+        self.tell(self._camera.time_s + 0.20, angle_deg)
+        self._camera.send(image(hand(angle_deg)))
+        self.tell(self._camera.time_s + 0.05, angle_deg)
+        self._camera.graph.spin_until(lambda: len(self._camera.detections) > seen, "detections")
+        return self._camera.detections[-1].markers[1:]
+
+
+def test_a_hand_that_closes_over_an_empty_table_is_no_object_where_its_fingers_are_told(graph):
+    camera = Camera(graph, support_depth_m=0.14)
+    assert camera.show(image(hand(0.0))) == []
+    alarms = [len(camera.show(image(hand(angle_deg)))) for angle_deg in CLOSING_DEG]
+    assert sum(alarms) > 0
+    fingers = Fingers(camera)
+    assert fingers.show(0.0) == []
+    assert [fingers.show(angle_deg) for angle_deg in CLOSING_DEG] == [[]] * len(CLOSING_DEG)
+
+
+def test_an_image_waits_for_the_first_word_of_the_fingers_at_or_after_it(graph):
+    camera, reports = Camera(graph), graph.listen(DiagnosticArray, "/diagnostics")
+    fingers = Fingers(camera)
+    fingers.tell(camera.time_s + 0.20, 0.0)
+    camera.send(image(photograph("bulb")))
+    camera.node.publish_health()
+    graph.spin_until(lambda: reports, "a report")
+    assert not camera.detections
+    fingers.words.publish(fingers.message(camera.time_s, 0.0))
+    graph.spin_until(lambda: camera.detections, "detections")
+    assert camera.detections[0].markers[0].header.stamp == time_stamp(camera.time_s)
+
+
+def test_without_a_word_of_the_fingers_for_long_images_are_looked_at_at_once(graph):
+    camera = Camera(graph)
+    Fingers(camera).tell(camera.time_s - 0.4, 0.0)
+    assert camera.show(image(photograph("bulb")))
+
+
+def test_wrong_words_of_the_fingers_are_refused(graph):
+    camera = Camera(graph)
+    fingers = Fingers(camera)
+    camera.refuse(fingers.words.publish, fingers.message(1.0, 30.0, frame="world"))
+    one_missing, uneven, lost = (fingers.message(1.0, 30.0) for _ in range(3))
+    one_missing.markers.pop()
+    uneven.markers[2].points.pop()
+    lost.markers[1].points[3].y = math.nan
+    for message in (one_missing, uneven, lost):
+        camera.refuse(fingers.words.publish, message)
+    assert camera.show(image(photograph("bulb")))
+
+
+def test_an_empty_table_that_fingers_hid_in_all_images_is_refused_and_the_health_says_how_much_of_it(graph):
+    camera = Camera(graph, background_frames=2, support_depth_m=0.14)
+    fingers = Fingers(camera)
+    assert graph.call(Trigger, "object_detector/learn_background").success
+    for angle_deg in (80.0, 82.0):
+        fingers.show(angle_deg)
+    health = camera.node.health()
+    assert health.level == DiagnosticStatus.WARN
+    assert re.search(r"the empty table refused: fingers hid \d+\.\d% of .* in all of 2 images", health.message)
+    assert graph.call(Trigger, "object_detector/learn_background").success
+    for angle_deg in (0.0, 40.0):
+        fingers.show(angle_deg)
+    assert camera.node.health().level == DiagnosticStatus.OK
+    assert fingers.show(0.0) == [] and camera.node.health().values["source"] == "background"
 
 
 def test_of_a_rectified_stream_p_counts(graph):

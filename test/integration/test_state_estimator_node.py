@@ -65,6 +65,13 @@ class Estimates:
             lambda: min(len(self.joints), len(self.tips), len(self.forces)) > seen, "joints, tips and forces"
         )
 
+    def listen_to_markers(self):
+        """Return a list that fills with the messages of finger_markers."""
+        markers = self.graph.listen(MarkerArray, "finger_markers")
+        (publisher,) = (each for each in self.node.publishers if each.topic_name == "/finger_markers")
+        self.graph.spin_until(publisher.get_subscription_count, "a listener known to the node")
+        return markers
+
     def refuse(self, message):
         """Send something the node must refuse."""
         refused = self.node.refused_inputs
@@ -100,10 +107,9 @@ def test_gravity_from_the_arm_moves_the_fingers_and_a_bad_one_leaves_the_last(gr
 
 def test_when_the_pressures_end_its_health_says_so_and_no_fingers_are_drawn(graph):
     estimates = Estimates(graph, use_sim_time=True)
-    markers = graph.listen(MarkerArray, "finger_markers")
+    markers = estimates.listen_to_markers()
     graph.set_time(1.0)
     estimates.feed(np.zeros(16))
-    graph.set_time(1.2)
     graph.spin_until(lambda: markers, "fingers")
     graph.set_time(1.6)
     estimates.node.publish_health()
@@ -233,7 +239,7 @@ def test_infinite_pressure_is_no_valid_reading(graph):
 
 def test_markers_are_drawn_in_the_gripper_s_frame_and_an_unknown_finger_is_deleted(graph):
     estimates = Estimates(graph, marker_rate_hz=100.0)
-    drawn = graph.listen(MarkerArray, "finger_markers")
+    drawn = estimates.listen_to_markers()
     broken = np.zeros(16)
     broken[0] = math.nan
     estimates.feed(broken)
@@ -245,6 +251,15 @@ def test_markers_are_drawn_in_the_gripper_s_frame_and_an_unknown_finger_is_delet
     ends = [(point.x, point.y, point.z) for point in (markers[1].points[0], markers[1].points[-1])]
     base = load_gripper().finger_base_m[1]
     np.testing.assert_allclose(ends, [base, base + (0.0, 0.0, 0.130)], atol=1e-6)
+
+
+def test_markers_come_with_the_first_pressures_of_each_period_and_carry_their_stamp(graph):
+    estimates = Estimates(graph, marker_rate_hz=20.0)
+    markers = estimates.listen_to_markers()
+    for tick in range(100, 112):
+        estimates.feed(np.zeros(16), 0.01 * tick)
+    graph.spin_until(lambda: len(markers) == 3, "the markers of three periods")
+    assert [each.markers[0].header.stamp for each in markers] == [time_stamp(at) for at in (1.0, 1.05, 1.1)]
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
+from mbpam_ros.gripper import load_gripper
 from mbpam_ros.vision.background import Background, BackgroundError
-from mbpam_ros.vision.camera import camera_intrinsics, camera_pose, load_camera_config
-from mbpam_ros.vision.detector import ObjectDetector, load_detector_config
+from mbpam_ros.vision.camera import Camera, camera_intrinsics, camera_pose, load_camera_config
+from mbpam_ros.vision.detector import ObjectDetector, load_detector_config, open_fingers
+from mbpam_ros.vision.finger_mask import FingerMask
 from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
 
 CONFIG = load_camera_config()
@@ -100,3 +102,59 @@ def test_the_detector_tells_from_the_empty_table_and_says_so():
     (found,) = seen.detections
     assert found.shape == "sphere" and found.size_m == pytest.approx(ball.size_m, abs=0.003)
     assert detector.look(empty[0], "rgb8", intrinsics, None, 0.13).detections == []
+
+
+LENGTH_M = load_gripper().geometry.length_m
+OPEN = open_fingers(load_gripper())
+
+
+def closing(angle_deg):
+    """Fingers bent inward in arcs, (4, 14, 3)."""
+    angle = np.radians(max(angle_deg, 1e-6)) * np.linspace(0.0, 1.0, 14)[:, None]
+    inward = -OPEN[:, :1] / np.linalg.norm(OPEN[:, :1], axis=2, keepdims=True)
+    return OPEN[:, :1] + LENGTH_M / angle[-1] * ((1.0 - np.cos(angle)) * inward + np.sin(angle) * [0.0, 0.0, 1.0])
+
+
+def learnt(*angles_deg, told=True):
+    """A detector that has learnt the empty table while fingers moved, and how far it is from the table itself."""
+    rng = np.random.default_rng(0)
+    fingers = [closing(angle) for angle in angles_deg]
+    frames = [RENDERER.render(SceneView(0.13, (), lines), rng) for lines in fingers]
+    detector = ObjectDetector(load_detector_config(), camera_pose(CONFIG), load_gripper())
+    background = detector.learn_background(frames, "rgb8", camera_intrinsics(CONFIG), None, fingers if told else None)
+    table = RENDERER.render(SceneView(0.13))[::2, ::2].astype(float)
+    free = hidden_when_open() == 0
+    return detector, np.abs(background.mean - table).max(axis=2)[free & background.known], background.known[free]
+
+
+def hidden_when_open():
+    camera = Camera.from_config(CONFIG)
+    gripper, config = load_gripper(), load_detector_config()
+    return FingerMask(camera, 2, gripper.geometry.outer_radius_m + config.finger_margin_m, 0.0).of(OPEN)
+
+
+def test_while_fingers_move_the_table_is_learnt_where_they_are_not():
+    _, error, known = learnt(0.0, 15.0, 40.0, 80.0, 30.0)
+    assert known.mean() > 0.995
+    assert np.quantile(error, 0.999) < 8.0
+    _, error, _ = learnt(0.0, 15.0, 40.0, 80.0, 30.0, told=False)
+    assert np.quantile(error, 0.95) > 20.0
+
+
+def test_over_a_table_learnt_under_moving_fingers_nothing_but_the_object_is_seen():
+    detector, _, _ = learnt(0.0, 15.0, 40.0, 80.0, 30.0)
+    ball = ColouredSolid("sphere", (0.05,) * 3, (0.0, 0.0, 0.105), (0.0, 0.0, 0.0, 1.0), (0.1, 0.3, 0.7))
+    view = SceneView(0.13, (ball,), closing(0.0))
+    intrinsics = camera_intrinsics(CONFIG)
+    (found,) = detector.detect(RENDERER.render(view, np.random.default_rng(1)), "rgb8", intrinsics, None, 0.13)
+    assert found.source == "background" and found.size_m == pytest.approx(ball.size_m, abs=0.003)
+
+
+def test_a_table_that_fingers_hid_in_all_images_is_refused_with_its_share_and_the_one_before_stands():
+    detector, _, _ = learnt(0.0)
+    before = detector.background
+    fingers = [closing(80.0), closing(82.0)]
+    frames = [RENDERER.render(SceneView(0.13, (), lines)) for lines in fingers]
+    with pytest.raises(BackgroundError, match=r"fingers hid \d+\.\d% of .* in all of 2 images; .*let them move"):
+        detector.learn_background(frames, "rgb8", camera_intrinsics(CONFIG), None, fingers)
+    assert detector.background is before
