@@ -55,6 +55,8 @@ _DOUBT_S = 0.5
 _GREATEST_LEAK_1_S = 2.0
 _NOMINAL_TICK_S = 0.01
 _SLOW_TICKS = 5
+_BEND_TIME_S = 0.15
+"""In which a muscle can bend as far as it does in use."""
 _LEAST_FALL_PA_S = 10e3
 _LEARNT_SHARE = 0.6
 """Of the rate that a valve has shown, which it goes on showing where the law assumed of it is a lasting one."""
@@ -131,6 +133,7 @@ class ReadingNoise:
 
 _NAMED_AT_ONCE = (
     Fault.JUMPED, Fault.SWAPPED, Fault.RISES, Fault.NOT_FOLLOWING, Fault.NOT_VENTING, Fault.SLOW_VALVE, Fault.LEAK,
+    Fault.LEAKS_IN,
 )  # fmt: skip
 _NONE = np.zeros(CHANNEL_COUNT, dtype=bool)
 _NONE.flags.writeable = False
@@ -207,7 +210,7 @@ class Observer:
         self._leak_1_s = np.zeros(n)
         self._drawn = 0.0
         self._bent_pa: Vector = np.zeros(n)
-        self._falling_s = np.zeros(n)
+        self._lost_s = np.zeros(n)
         self._rises: dict[int, float] = {}
         self._looks: dict[int, _Look] = {}
         self._forget_course()
@@ -221,6 +224,7 @@ class Observer:
         self._fills = np.zeros((6, n))
         self._closed_ticks = np.zeros(n, dtype=int)
         self._up, self._down = np.zeros(n), np.zeros(n)
+        self._beyond = np.zeros((READINGS_KEPT - 1, n))
         self._gone, self._come = np.zeros(n), np.zeros(n)
         self._slope = _Slopes()
         self._forget_effort()
@@ -353,6 +357,8 @@ class Observer:
     def _sum_up(self, course: _Course) -> None:
         config, dt_s = self._config, course.dt_s
         most, least = self._allowed(course)
+        self._beyond[:-1] = self._beyond[1:]
+        self._beyond[-1] = course.moved - np.minimum(np.maximum(course.moved, least * dt_s), most * dt_s)
         up = self._up + course.moved - (most + config.move_slack_pa_s) * dt_s
         slack = np.where(course.low > 0.0, config.follow_slack_pa_s, config.move_slack_pa_s)
         down = self._down + (least - slack) * dt_s - course.moved
@@ -457,6 +463,7 @@ class Observer:
         config, margin = self._config, self._margin_pa + self._bent_pa
         if np.abs(course.moved).max() > config.jump_threshold_pa:
             self._judge_jumps(course)
+        self._judge_steps(config.move_threshold_pa + self._margin_pa)
         if self._up.max() > config.move_threshold_pa or self._down.max() > config.follow_threshold_pa:
             known = self._known
             least = np.where(course.low > 0.0, config.follow_threshold_pa, config.move_threshold_pa)
@@ -473,23 +480,43 @@ class Observer:
                 self._judge_look(channel)
 
     def _judge_leaks(self, course: _Course) -> None:
-        """Name a leak that its valve, far open, cannot stop: such a valve does not fill."""
-        leaks = self.channels(Fault.LEAK) & ~self.channels(Fault.NOT_FOLLOWING)
-        if not leaks.any():
-            self._falling_s[:] = 0.0
+        """Name a leak, out or in, that its valve, far open, cannot stop: such a valve does not fill, or not vent."""
+        leaks, leaks_in = self.channels(Fault.LEAK), self.channels(Fault.LEAKS_IN)
+        leaks, leaks_in = leaks & ~self.channels(Fault.NOT_FOLLOWING), leaks_in & ~self.channels(Fault.RISES)
+        if not (leaks.any() or leaks_in.any()):
+            self._lost_s[:] = 0.0
             return
-        falling = _MOMENT @ self._readings[-_MOMENT.size :] < -_LEAST_FALL_PA_S * self._interval_s * (_MOMENT @ _MOMENT)
-        stays = leaks & falling & (course.low > 0.5)
-        self._falling_s = np.where(stays, self._falling_s + course.dt_s, 0.0)
-        for channel in map(int, np.flatnonzero(self._falling_s > self._config.look_time_s)):
-            evidence = f"goes on falling though its valve fills, at {self._kpa(channel)} kPa"
-            self._find(Fault.NOT_FOLLOWING, (channel,), evidence, 0.99)
+        moves = _MOMENT @ self._readings[-_MOMENT.size :]
+        least = _LEAST_FALL_PA_S * self._interval_s * (_MOMENT @ _MOMENT)
+        falls, rises = leaks & (moves < -least) & (course.low > 0.5), leaks_in & (moves > least) & (course.high < -0.5)
+        self._lost_s = np.where(falls | rises, self._lost_s + course.dt_s, 0.0)
+        for channel in map(int, np.flatnonzero(self._lost_s > self._config.look_time_s)):
+            fault, goes = (
+                (Fault.NOT_FOLLOWING, "falling though its valve fills")
+                if falls[channel]
+                else (Fault.RISES, "rising though its valve vents")
+            )
+            self._find(fault, (channel,), f"goes on {goes}, at {self._kpa(channel)} kPa", 0.99)
 
     def _judge_jumps(self, course: _Course) -> None:
         fill_pa_s, vent_pa_s = self._fastest_pa_s(course.last)
         beyond = self._config.jump_threshold_pa + self._margin_pa
         jumped = (course.moved > fill_pa_s * course.dt_s + beyond) | (-course.moved > vent_pa_s * course.dt_s + beyond)
         self._name_jumps(np.flatnonzero(jumped & course.valid & ~self._known), course.moved)
+
+    def _judge_steps(self, least_pa: Vector) -> None:
+        """Name a reading that went somewhere within three samples and stays: no bend comes and goes as fast.
+
+        The share of the bend's pressure that a muscle can move by in that time is left to it (:data:`_BEND_TIME_S`).
+        """
+        step = self._beyond.sum(axis=0)
+        beyond = np.abs(step) > least_pa + 3.0 * self._interval_s / _BEND_TIME_S * self._bent_pa
+        if not beyond.any():
+            return
+        calm = 0.2 * np.abs(step)
+        stands = (np.abs(self._beyond[-3:].sum(axis=0)) < calm) & (np.abs(self._beyond[0]) < calm)
+        stepped = beyond & stands & (np.abs(self._beyond[1:4].sum(axis=0)) > 4.0 * calm) & ~self._known
+        self._name_jumps(np.flatnonzero(stepped), step)
 
     @property
     def _known(self) -> Mask:
@@ -504,9 +531,9 @@ class Observer:
             others = [other for other in range(first, first + CHAMBERS_PER_FINGER) if other != channel]
             partner = min(others, key=lambda other: abs(moved[other] + moved[channel]))
             if abs(moved[partner] + moved[channel]) < 0.25 * abs(moved[channel]):
-                self._find_swapped(channel, partner, "changed readings with each other in one sample")
+                self._find_swapped(channel, partner, "changed readings with each other at once")
             else:
-                step = f"moved by {1e-3 * moved[channel]:.1f} kPa in one sample, to {self._kpa(channel)} kPa"
+                step = f"moved by {1e-3 * moved[channel]:.1f} kPa at once, to {self._kpa(channel)} kPa"
                 self._find(Fault.JUMPED, (channel,), f"{step}; no valve can do that", 0.99)
 
     def _suspect_rise(self, channel: int, high: Vector) -> None:
