@@ -55,6 +55,8 @@ _DOUBT_S = 0.5
 _GREATEST_LEAK_1_S = 2.0
 _NOMINAL_TICK_S = 0.01
 _SLOW_TICKS = 5
+_SOUND_SHARE = 0.66
+"""Of the air counted, which a valve has let through at least where the law assumed of it is not a lasting one."""
 _BEND_TIME_S = 0.15
 """In which a muscle can bend as far as it does in use."""
 _LEAST_FALL_PA_S = 10e3
@@ -229,7 +231,7 @@ class Observer:
         self._slope = _Slopes()
         self._forget_effort()
         self._in_vain_pa = np.zeros(n)
-        self._unexplained_pa = np.zeros(n)
+        self._unexplained_pa, self._explained_at_s = np.zeros(n), np.full(n, -math.inf)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -253,6 +255,12 @@ class Observer:
     def leak_1_s(self) -> Vector:
         """One over the time constants of the leaks that were found, shape (16,)."""
         return np.minimum(np.where(self.channels(Fault.LEAK), self._leak_1_s, 0.0), _GREATEST_LEAK_1_S)
+
+    @property
+    def fill_pa_s(self) -> Vector:
+        """How fast valves fill when fully open, by their law and what they have shown, shape (16,); NaN unread."""
+        supply_pa = self._valve.drawn_supply_gauge_pa(self._drawn)
+        return self.gain * self._valve.fill_pa_s(self._readings[-1], supply_pa)
 
     @property
     def looked_at(self) -> Mask:
@@ -638,6 +646,7 @@ class Observer:
         closed = (course.low == 0.0) & (course.high == 0.0) & course.valid
         self._closed_ticks = (self._closed_ticks + 1) * closed
         self._judge_effort(course)
+        self._judge_unexplained(course)
         if self._ticks % _SLOW_TICKS != 0:
             return
         settled = self._time_s > self._settled_at_s
@@ -663,8 +672,10 @@ class Observer:
 
     def _name_slow(self, channel: int) -> None:
         rate_pa_s = self._slope.rate(channel)
+        moved_pa = self._unexplained_pa[channel]
         self._find_slow(channel, rate_pa_s, "with its valve closed")
         self._forget_slow(np.arange(CHANNEL_COUNT) == channel)
+        self._unexplained_pa[channel] = moved_pa
 
     def _judge_effort(self, course: _Course) -> None:
         """Compare what valves had to add with what came of it, a second at a time."""
@@ -673,7 +684,7 @@ class Observer:
             fill_pa_s = self._fill_pa_s(course.last, self._valve.drawn_supply_gauge_pa(self._drawn))
             added = opening * np.where(opening > 0.0, fill_pa_s, self._vent_pa_s(course.last)) * course.dt_s
             self._effort_pa += added
-            self._judge_unexplained(added)
+            self._unexplained_pa += self.gain * added
         self._effort_s += course.dt_s
         if self._effort_s < 1.0:
             return
@@ -700,17 +711,32 @@ class Observer:
         self._effort_pa, self._effort_s = np.zeros(CHANNEL_COUNT), 0.0
         self._effort_from_pa = np.full(CHANNEL_COUNT, np.nan)
 
-    def _judge_unexplained(self, added: Vector) -> None:
-        """End what no one can vouch for once a good deal of air was moved for it."""
+    def _judge_unexplained(self, course: _Course) -> None:
+        """End what no one can vouch for once a good deal of air was moved, and the reading shows none of it.
+
+        Air that went in, less what the reading rose, is what has leaked, what a bend made room for, or what a drifting
+        transducer does not show: leaks within the data sheet are taken off until a leak or drift is known, and a bend
+        is left what it can take. So a chamber whose reading falls is never filled far beyond its set-point.
+        """
+        config = self._config
         suspects = self.channels(Fault.LEAK_OR_DRIFT)
-        if not suspects.any():
-            return
-        self._unexplained_pa += np.where(suspects, self.gain * added, 0.0)
-        for channel in np.flatnonzero(suspects & (np.abs(self._unexplained_pa) > self._config.unexplained_limit_pa)):
-            moved_pa = float(self._unexplained_pa[channel])
+        counts = (self._time_s > self._settled_at_s) & course.valid & (suspects | self._unnamed)
+        sound_pa = config.slow_rate_pa_s * course.dt_s * (1.0 if self._valve.lasting else 1.0 / _SOUND_SHARE)
+        moved_pa = self._unexplained_pa - course.moved
+        sound = np.copysign(np.minimum(np.abs(moved_pa), np.where(suspects, 0.0, sound_pa)), moved_pa)
+        self._unexplained_pa = np.where(counts, moved_pa - sound, 0.0)
+        limit = np.where(suspects, 0.0, 1500.0 + 8.0 * self._sigma_pa + self._bent_pa)
+        moved_pa = np.abs(self._unexplained_pa)
+        self._explained_at_s[moved_pa < 1e3] = self._time_s
+        # What moves faster than a transducer drifts is left to the other sums for as long as that would take.
+        slow_s = np.where(suspects, 0.0, limit / config.drift_limit_pa_s)
+        limit = np.maximum(config.unexplained_limit_pa, limit)
+        over = (moved_pa > limit) & (self._time_s - self._explained_at_s > slow_s)
+        for channel in np.flatnonzero(over):
+            moved = float(self._unexplained_pa[channel])
             self._withdraw(np.arange(CHANNEL_COUNT) == channel, Fault.LEAK_OR_DRIFT)
-            evidence = f"{1e-3 * moved_pa:+.1f} kPa of air moved to keep a reading that no one can vouch for"
-            self._find(Fault.DRIFT if moved_pa > 0.0 else Fault.RISES, (int(channel),), evidence, 0.5)
+            evidence = f"{1e-3 * moved:+.1f} kPa of air moved to keep a reading that no one can vouch for"
+            self._find(Fault.DRIFT if moved > 0.0 else Fault.RISES, (int(channel),), evidence, 0.5)
 
     def _judge_noise(self, settled: Mask) -> None:
         ratio2 = self._lasting_noise_pa2 / self._filtered_noise_pa2

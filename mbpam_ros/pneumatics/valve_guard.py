@@ -42,6 +42,9 @@ CLOSED_BY = (
 )  # fmt: skip
 """Faults whose channel is closed at once."""
 
+_GREATEST_CORRECTION = 2.5
+"""A valve that fills slower against what its loop assumes does not make up for a leak."""
+
 _OF_LOOPS = {
     ValveFault.NO_PRESSURE: (Fault.NO_READING, "no fresh valid pressure"),
     ValveFault.OVER_PRESSURE: (Fault.OVER_PRESSURE, "more than a chamber may have"),
@@ -95,6 +98,8 @@ class GuardedValves:
         self._supply = SupplyValve()
         self._supply.open = switched_on
         self._watchdog_s, self._read_at_s = loops.watchdog_s, -math.inf
+        self._supply_gauge_pa, self._least_drop_pa = loops.supply_gauge_pa, loops.least_drop_pa
+        self._time_constant_s = loops.fill_time_constant_s
         self._findings: tuple[Finding, ...] = ()
         self._compensates = False
 
@@ -126,9 +131,7 @@ class GuardedValves:
         target = self.controller.setpoint
         self._observer.aim(target, time_s)
         if self._observer.findings or self._compensates:
-            leak_1_s = self._observer.leak_1_s
-            self._compensates = bool(leak_1_s.any())
-            self.controller.compensate(leak_1_s)
+            self._compensate(pressure)
         spool = self._restrained(time_s, pressure, spool, target)
         self._observer.commanded(spool)
         return self._command(time_s, spool)
@@ -142,6 +145,16 @@ class GuardedValves:
         spool = self.controller.check(time_s)
         self._prober.abort()
         return self._command(time_s, spool)
+
+    def _compensate(self, pressure: Vector) -> None:
+        """Let loops add what leaks lose, in their own terms: by the opening that lets as much through."""
+        leak_1_s = self._observer.leak_1_s
+        self._compensates = bool(leak_1_s.any())
+        if self._compensates:
+            assumed_pa_s = np.maximum(self._supply_gauge_pa - pressure, self._least_drop_pa) / self._time_constant_s
+            fills_pa_s = np.maximum(self._observer.fill_pa_s, assumed_pa_s / _GREATEST_CORRECTION)
+            leak_1_s = np.where(leak_1_s > 0.0, leak_1_s * np.maximum(assumed_pa_s / fills_pa_s, 1.0), 0.0)
+        self.controller.compensate(np.nan_to_num(leak_1_s))
 
     def _restrained(self, time_s: float, pressure: Vector, spool: Vector, target: Vector) -> Vector:
         """Return what findings and test pulses leave of the loops' openings."""
