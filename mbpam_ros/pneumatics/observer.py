@@ -729,8 +729,8 @@ class Observer:
         moved_pa = np.abs(self._unexplained_pa)
         self._explained_at_s[moved_pa < 1e3] = self._time_s
         # What moves faster than a transducer drifts is left to the other sums for as long as that would take.
-        slow_s = np.where(suspects, 0.0, limit / config.drift_limit_pa_s)
         limit = np.maximum(config.unexplained_limit_pa, limit)
+        slow_s = np.where(suspects, 0.0, limit / config.drift_limit_pa_s)
         over = (moved_pa > limit) & (self._time_s - self._explained_at_s > slow_s)
         for channel in np.flatnonzero(over):
             moved = float(self._unexplained_pa[channel])
