@@ -393,7 +393,7 @@ class Observer:
         vent_least = slowest * np.maximum(self._vent_pa_s(last - margin), 0.0)
         most = np.where(high > 0.0, high * fill_most, high * vent_least)
         least = np.where(low < 0.0, low * vent_most, low * fill_least)
-        filling = (low > 0.05) & course.valid
+        filling = (low > 0.05) & course.valid & ~self.channels(Fault.LEAK)  # what makes up for a leak does not show
         if not supplied:  # what is open to an empty manifold flows back
             least -= np.maximum(high, 0.0) * vent_most
         elif filling.any():
@@ -684,7 +684,8 @@ class Observer:
             fill_pa_s = self._fill_pa_s(course.last, self._valve.drawn_supply_gauge_pa(self._drawn))
             added = opening * np.where(opening > 0.0, fill_pa_s, self._vent_pa_s(course.last)) * course.dt_s
             self._effort_pa += added
-            self._unexplained_pa += self.gain * added
+            if not self.held_up:
+                self._unexplained_pa += self.gain * added
         self._effort_s += course.dt_s
         if self._effort_s < 1.0:
             return
@@ -722,7 +723,7 @@ class Observer:
         suspects = self.channels(Fault.LEAK_OR_DRIFT)
         counts = (self._time_s > self._settled_at_s) & course.valid & (suspects | self._unnamed)
         sound_pa = config.slow_rate_pa_s * course.dt_s * (1.0 if self._valve.lasting else 1.0 / _SOUND_SHARE)
-        moved_pa = self._unexplained_pa - course.moved
+        moved_pa = self._unexplained_pa - (0.0 if self.held_up else course.moved)
         sound = np.copysign(np.minimum(np.abs(moved_pa), np.where(suspects, 0.0, sound_pa)), moved_pa)
         self._unexplained_pa = np.where(counts, moved_pa - sound, 0.0)
         limit = np.where(suspects, 0.0, 1500.0 + 8.0 * self._sigma_pa + self._bent_pa)

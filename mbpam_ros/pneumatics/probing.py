@@ -70,7 +70,7 @@ class ProbingConfig:
     pulse_time_s: float = 0.02
     wait_time_s: float = 0.1
     least_share: float = 0.32
-    least_learnt_share: float = 0.5
+    least_learnt_share: float = 0.42
     least_supply_share: float = 0.8
     noise_ratio: float = 2.5
 
