@@ -232,6 +232,7 @@ class Observer:
         self._forget_effort()
         self._in_vain_pa = np.zeros(n)
         self._unexplained_pa, self._explained_at_s = np.zeros(n), np.full(n, -math.inf)
+        self._added_pa, self._unseen = np.zeros(n), True
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -646,10 +647,11 @@ class Observer:
         closed = (course.low == 0.0) & (course.high == 0.0) & course.valid
         self._closed_ticks = (self._closed_ticks + 1) * closed
         self._judge_effort(course)
-        self._judge_unexplained(course)
+        self._unseen |= self.held_up
         if self._ticks % _SLOW_TICKS != 0:
             return
         settled = self._time_s > self._settled_at_s
+        self._judge_unexplained(course, settled)
         counts = (self._closed_ticks >= READINGS_KEPT) & settled & ~self._known
         moved = np.where(counts, self._readings[-1] - self._readings[-1 - _SLOW_TICKS], 0.0)
         allowed = config.slow_rate_pa_s * _SLOW_TICKS * course.dt_s * counts
@@ -684,8 +686,7 @@ class Observer:
             fill_pa_s = self._fill_pa_s(course.last, self._valve.drawn_supply_gauge_pa(self._drawn))
             added = opening * np.where(opening > 0.0, fill_pa_s, self._vent_pa_s(course.last)) * course.dt_s
             self._effort_pa += added
-            if not self.held_up:
-                self._unexplained_pa += self.gain * added
+            self._added_pa += self.gain * added
         self._effort_s += course.dt_s
         if self._effort_s < 1.0:
             return
@@ -712,7 +713,7 @@ class Observer:
         self._effort_pa, self._effort_s = np.zeros(CHANNEL_COUNT), 0.0
         self._effort_from_pa = np.full(CHANNEL_COUNT, np.nan)
 
-    def _judge_unexplained(self, course: _Course) -> None:
+    def _judge_unexplained(self, course: _Course, settled: Mask) -> None:
         """End what no one can vouch for once a good deal of air was moved, and the reading shows none of it.
 
         Air that went in, less what the reading rose, is what has leaked, what a bend made room for, or what a drifting
@@ -721,9 +722,13 @@ class Observer:
         """
         config = self._config
         suspects = self.channels(Fault.LEAK_OR_DRIFT)
-        counts = (self._time_s > self._settled_at_s) & course.valid & (suspects | self._unnamed)
-        sound_pa = config.slow_rate_pa_s * course.dt_s * (1.0 if self._valve.lasting else 1.0 / _SOUND_SHARE)
-        moved_pa = self._unexplained_pa - (0.0 if self.held_up else course.moved)
+        counts = settled & course.valid & (suspects | self._unnamed)
+        sound_pa = config.slow_rate_pa_s * _SLOW_TICKS * course.dt_s / (1.0 if self._valve.lasting else _SOUND_SHARE)
+        moved_pa = self._unexplained_pa
+        if not self._unseen:
+            shown_pa = self._readings[-1] - self._readings[-1 - _SLOW_TICKS]
+            moved_pa = moved_pa + np.where(np.isfinite(shown_pa), self._added_pa - shown_pa, 0.0)
+        self._added_pa, self._unseen = np.zeros(CHANNEL_COUNT), False
         sound = np.copysign(np.minimum(np.abs(moved_pa), np.where(suspects, 0.0, sound_pa)), moved_pa)
         self._unexplained_pa = np.where(counts, moved_pa - sound, 0.0)
         limit = np.where(suspects, 0.0, 1500.0 + 8.0 * self._sigma_pa + self._bent_pa)
