@@ -133,6 +133,7 @@ class ReadingNoise:
         return ReadingNoise(transducer.gain_pa_v * noise_v, sensing.cutoff_hz)
 
 
+_greatest = np.maximum.reduce
 _NAMED_AT_ONCE = (
     Fault.JUMPED, Fault.SWAPPED, Fault.RISES, Fault.NOT_FOLLOWING, Fault.NOT_VENTING, Fault.SLOW_VALVE, Fault.LEAK,
     Fault.LEAKS_IN,
@@ -143,6 +144,9 @@ _ALL = ~_NONE
 _ALL.flags.writeable = False
 _ZEROS = np.zeros(CHANNEL_COUNT)
 _ZEROS.flags.writeable = False
+_ONES = np.ones(CHANNEL_COUNT)
+_COMMANDS_KEPT = 3
+"""As many ticks as a command takes to show."""
 
 
 def _mask_of(channels: Collection[int]) -> Mask:
@@ -154,7 +158,10 @@ def _mask_of(channels: Collection[int]) -> Mask:
 
 
 class _Course(NamedTuple):
-    """One interval: length, readings before, how they moved, openings that may show in it, which were read."""
+    """One interval: length, readings before, how they moved, openings that may show in it, which were read.
+
+    ``still``: all valves were closed, and all channels read.
+    """
 
     dt_s: float
     last: Vector
@@ -162,6 +169,7 @@ class _Course(NamedTuple):
     low: Vector
     high: Vector
     valid: Mask
+    still: bool
 
 
 class _Look(NamedTuple):
@@ -212,7 +220,7 @@ class Observer:
         self._leak_1_s = np.zeros(n)
         self._drawn = 0.0
         self._bent_pa: Vector = np.zeros(n)
-        self._lost_s = np.zeros(n)
+        self._lost_s, self._losing = np.zeros(n), False
         self._rises: dict[int, float] = {}
         self._looks: dict[int, _Look] = {}
         self._forget_course()
@@ -221,12 +229,13 @@ class Observer:
         """Start all sums anew, as after a gap in the readings."""
         n = CHANNEL_COUNT
         self._readings = np.full((READINGS_KEPT, n), np.nan)
-        self._low = np.zeros((3, n))
-        self._high = np.zeros((3, n))
+        self._low = np.zeros((_COMMANDS_KEPT, n))
+        self._high = np.zeros((_COMMANDS_KEPT, n))
+        self._closed_commands = 0
         self._fills = np.zeros((6, n))
         self._closed_ticks = np.zeros(n, dtype=int)
         self._up, self._down = np.zeros(n), np.zeros(n)
-        self._beyond = np.zeros((READINGS_KEPT - 1, n))
+        self._beyond, self._fastest_pa = np.zeros((READINGS_KEPT - 1, n)), (0.0,) * (READINGS_KEPT - 1)
         self._gone, self._come = np.zeros(n), np.zeros(n)
         self._slope = _Slopes()
         self._forget_effort()
@@ -274,6 +283,11 @@ class Observer:
         return _mask_of(self._rises)
 
     @property
+    def calm(self) -> bool:
+        """Whether nothing is found, looked at or suspected."""
+        return not (self._findings or self._looks or self._rises)
+
+    @property
     def supply_low(self) -> bool:
         """Whether the supply is known to be low or gone."""
         return (Fault.SUPPLY_LOW, (SUPPLY,)) in self._findings
@@ -297,12 +311,17 @@ class Observer:
         """Return the mean of the last few readings, shape (16,) [Pa]."""
         return np.asarray(self._readings[-ticks:].mean(axis=0))
 
+    @property
+    def read(self) -> Mask:
+        """Channels whose last reading is one, shape (16,)."""
+        return np.isfinite(self._readings[-1])
+
     def aim(self, target_gauge_pa: Vector, time_s: float) -> None:
         """Take the set-points, shape (16,): what is slow starts anew in fingers that are told to move."""
         if self._targets is None:
             self._targets = np.full(CHANNEL_COUNT, np.nan)
         new = target_gauge_pa != self._targets
-        if new.any():
+        if np.count_nonzero(new):
             self._targets = target_gauge_pa.copy()
             self.aimed_at_s[new] = time_s
             self._filled[new] = self._filling[new] = 0.0
@@ -314,6 +333,7 @@ class Observer:
         """Take the openings, shape (16,), that hold until the next update."""
         self._low[:-1], self._high[:-1] = self._low[1:], self._high[1:]
         self._low[-1] = self._high[-1] = spool
+        self._closed_commands = 0 if np.count_nonzero(spool) else self._closed_commands + 1
 
     def update(
         self, time_s: float, pressure_gauge_pa: Vector, supply_open: bool, vented: bool, late_s: float = 0.0
@@ -341,12 +361,15 @@ class Observer:
         before = self._readings[-1].copy()
         self._keep(pressure_gauge_pa)
         last, moved, valid = before, self._readings[-1] - before, _ALL
-        if not math.isfinite(moved.sum()):
+        if not math.isfinite(moved @ _ONES):
             valid = np.isfinite(moved)
             last, moved = np.where(np.isfinite(before), before, 0.0), np.where(valid, moved, 0.0)
-        low = np.minimum(np.minimum(self._low[0], self._low[1]), self._low[2])
-        high = np.maximum(np.maximum(self._high[0], self._high[1]), self._high[2])
-        course = _Course(dt_s, last, moved, low, high, valid)
+        low = high = _ZEROS
+        closed = self._closed_commands >= _COMMANDS_KEPT
+        if not closed:
+            low = np.minimum(np.minimum(self._low[0], self._low[1]), self._low[2])
+            high = np.maximum(np.maximum(self._high[0], self._high[1]), self._high[2])
+        course = _Course(dt_s, last, moved, low, high, valid, closed and valid is _ALL)
         self._sum_up(course)
         self._ticks += 1
         if self._ticks % 2 == 0:
@@ -358,19 +381,26 @@ class Observer:
     def _keep(self, pressure_gauge_pa: Vector) -> None:
         self._readings[:-1] = self._readings[1:]
         self._readings[-1] = pressure_gauge_pa
-        if not math.isfinite(pressure_gauge_pa.sum()):
+        if not math.isfinite(pressure_gauge_pa @ _ONES):
             self._readings[-1][~np.isfinite(pressure_gauge_pa)] = np.nan
 
     # Sums
 
     def _sum_up(self, course: _Course) -> None:
-        config, dt_s = self._config, course.dt_s
-        most, least = self._allowed(course)
+        config, dt_s, moved = self._config, course.dt_s, course.moved
+        self._fills[:-1] = self._fills[1:]
+        self._fills[-1] = 0.0
         self._beyond[:-1] = self._beyond[1:]
-        self._beyond[-1] = course.moved - np.minimum(np.maximum(course.moved, least * dt_s), most * dt_s)
-        up = self._up + course.moved - (most + config.move_slack_pa_s) * dt_s
-        slack = np.where(course.low > 0.0, config.follow_slack_pa_s, config.move_slack_pa_s)
-        down = self._down + (least - slack) * dt_s - course.moved
+        if course.still:
+            self._beyond[-1] = moved
+            up = self._up + moved - config.move_slack_pa_s * dt_s
+            down = self._down - config.move_slack_pa_s * dt_s - moved
+        else:
+            most, least = self._allowed(course)
+            self._beyond[-1] = moved - np.minimum(np.maximum(moved, least * dt_s), most * dt_s)
+            up = self._up + moved - (most + config.move_slack_pa_s) * dt_s
+            slack = np.where(course.low > 0.0, config.follow_slack_pa_s, config.move_slack_pa_s)
+            down = self._down + (least - slack) * dt_s - moved
         self._bent_pa = self._valve.bend_pa(course.last)
         # What stands must be able to go.
         bound = 2.0 * (config.move_threshold_pa + self._bent_pa) + 12.0 * self._sigma_pa
@@ -382,9 +412,7 @@ class Observer:
         """Return the greatest and the least rate that openings allow, shape (16,) each; learn the valves' rates."""
         config = self._config
         low, high, last = course.low, course.high, course.last
-        self._fills[:-1] = self._fills[1:]
-        self._fills[-1] = 0.0
-        if not (low.any() or high.any()):
+        if not (np.count_nonzero(low) or np.count_nonzero(high)):
             return _ZEROS, _ZEROS
         fill_most, vent_most = self._fastest_pa_s(last)
         slowest, margin = self._slowest, config.move_threshold_pa
@@ -451,7 +479,7 @@ class Observer:
         share = 6.0 - 8.0 * (1.0 - alpha) + 2.0 * (1.0 - alpha) ** 2
         sample = np.minimum(second * second / share, 100.0 * self._noise_pa2)
         swing = course.high - course.low
-        if swing.any():  # what the valve itself can bend the reading by
+        if not course.still and np.count_nonzero(swing):  # what the valve itself can bend the reading by
             valve, fastest = self._valve, self._config.fastest_ratio * course.dt_s
             fill_pa_s = valve.fill_pa_s(course.last, valve.supply_gauge_pa)
             bent = swing * fastest * np.maximum(fill_pa_s, valve.vent_pa_s(course.last))
@@ -469,12 +497,15 @@ class Observer:
     # Fast faults
 
     def _judge(self, course: _Course) -> None:
-        config, margin = self._config, self._margin_pa + self._bent_pa
-        if np.abs(course.moved).max() > config.jump_threshold_pa:
+        config = self._config
+        moved_pa = float(_greatest(np.abs(course.moved)))
+        self._fastest_pa = (*self._fastest_pa[1:], moved_pa)
+        if moved_pa > config.jump_threshold_pa:
             self._judge_jumps(course)
-        self._judge_steps(config.move_threshold_pa + self._margin_pa)
-        if self._up.max() > config.move_threshold_pa or self._down.max() > config.follow_threshold_pa:
-            known = self._known
+        if max(self._fastest_pa) > config.move_threshold_pa / 5.0:
+            self._judge_steps(config.move_threshold_pa + self._margin_pa)
+        if _greatest(self._up) > config.move_threshold_pa or _greatest(self._down) > config.follow_threshold_pa:
+            known, margin = self._known, self._margin_pa + self._bent_pa
             least = np.where(course.low > 0.0, config.follow_threshold_pa, config.move_threshold_pa)
             for risen in np.flatnonzero((self._up > config.move_threshold_pa + margin) & ~known):
                 self._suspect_rise(int(risen), course.high)
@@ -490,11 +521,14 @@ class Observer:
 
     def _judge_leaks(self, course: _Course) -> None:
         """Name a leak, out or in, that its valve, far open, cannot stop: such a valve does not fill, or not vent."""
+        if not (self._findings or self._losing):
+            return
         leaks, leaks_in = self.channels(Fault.LEAK), self.channels(Fault.LEAKS_IN)
         leaks, leaks_in = leaks & ~self.channels(Fault.NOT_FOLLOWING), leaks_in & ~self.channels(Fault.RISES)
         if not (leaks.any() or leaks_in.any()):
-            self._lost_s[:] = 0.0
+            self._lost_s[:], self._losing = 0.0, False
             return
+        self._losing = True
         moves = _MOMENT @ self._readings[-_MOMENT.size :]
         least = _LEAST_FALL_PA_S * self._interval_s * (_MOMENT @ _MOMENT)
         falls, rises = leaks & (moves < -least) & (course.low > 0.5), leaks_in & (moves > least) & (course.high < -0.5)
@@ -644,8 +678,9 @@ class Observer:
     def _judge_slow(self, course: _Course) -> None:
         """Look at closed channels, every :data:`_SLOW_TICKS`-th sample."""
         config = self._config
-        closed = (course.low == 0.0) & (course.high == 0.0) & course.valid
-        self._closed_ticks = (self._closed_ticks + 1) * closed
+        self._closed_ticks = self._closed_ticks + 1
+        if not course.still:
+            self._closed_ticks *= (course.low == 0.0) & (course.high == 0.0) & course.valid
         self._judge_effort(course)
         self._unseen |= self.held_up
         if self._ticks % _SLOW_TICKS != 0:
@@ -663,8 +698,10 @@ class Observer:
             np.maximum(self._up, self._down) < 500.0
         )
         steadily = self._slope.steady(config.slow_rate_pa_s, self._sigma_pa)
-        for channel in np.flatnonzero((moves | steadily) & self._unnamed):
-            self._name_slow(int(channel))
+        slow = moves | steadily
+        if np.count_nonzero(slow):
+            for channel in np.flatnonzero(slow & self._unnamed):
+                self._name_slow(int(channel))
         self._judge_noise(settled)
 
     @property
@@ -682,7 +719,7 @@ class Observer:
     def _judge_effort(self, course: _Course) -> None:
         """Compare what valves had to add with what came of it, a second at a time."""
         opening = self._low[-2]
-        if opening.any():
+        if not course.still and np.count_nonzero(opening):
             fill_pa_s = self._fill_pa_s(course.last, self._valve.drawn_supply_gauge_pa(self._drawn))
             added = opening * np.where(opening > 0.0, fill_pa_s, self._vent_pa_s(course.last)) * course.dt_s
             self._effort_pa += added

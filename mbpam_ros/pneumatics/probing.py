@@ -115,9 +115,9 @@ class Prober:
         """
         if self._config.period_s == 0.0:
             return
-        if self._channels.any():
+        if np.count_nonzero(self._channels):
             self._go_on(time_s, ready, quiet)
-        if not self._channels.any():
+        if np.count_nonzero(ready) and not np.count_nonzero(self._channels):
             self._begin(time_s, ready, at_once)
 
     def openings(self, time_s: float, pressure_gauge_pa: Vector) -> Vector:
@@ -138,6 +138,8 @@ class Prober:
 
     def _begin(self, time_s: float, ready: Mask, at_once: bool) -> None:
         due = ready & (time_s - self._tested_at_s >= (0.0 if at_once else self._config.period_s))
+        if not np.count_nonzero(due):
+            return
         due &= self._observer.reading_noise_pa < self._config.noise_ratio * self._observer.sound_noise_pa
         if due.any():
             anew = self._observer.aimed_at_s > self._tested_at_s

@@ -42,6 +42,8 @@ CLOSED_BY = (
 )  # fmt: skip
 """Faults whose channel is closed at once."""
 
+_NONE = np.zeros(CHANNEL_COUNT, dtype=bool)
+_NONE.flags.writeable = False
 _GREATEST_CORRECTION = 2.5
 """A valve that fills slower against what its loop assumes does not make up for a leak."""
 
@@ -162,16 +164,18 @@ class GuardedValves:
         if self.controller.vented:
             self._prober.abort()
             return spool
-        closed = observer.channels(*CLOSED_BY) | observer.looked_at | observer.rising
-        if closed.any():
-            closed &= ~self.controller.in_over_pressure
-            self.controller.restart(closed)
-            spool = np.where(closed, 0.0, spool)
-        if observer.supply_low:
-            spool = np.minimum(spool, 0.0)
+        closed = _NONE
+        if not observer.calm:
+            closed = observer.channels(*CLOSED_BY) | observer.looked_at | observer.rising
+            if closed.any():
+                closed &= ~self.controller.in_over_pressure
+                self.controller.restart(closed)
+                spool = np.where(closed, 0.0, spool)
+            if observer.supply_low:
+                spool = np.minimum(spool, 0.0)
         self._probe(time_s, target, closed)
         tested = self._prober.tested
-        if not tested.any():
+        if not np.count_nonzero(tested):
             return spool
         return np.where(tested, self._prober.openings(time_s, pressure), spool)
 
@@ -182,11 +186,11 @@ class GuardedValves:
         if (
             observer.held_up
             or observer.supply_low
-            or not (self._supply.open and self.controller.enabled and held.any())
+            or not (self._supply.open and self.controller.enabled and np.count_nonzero(held))
         ):
             self._prober.abort()
             return
-        read = np.isfinite(observer.mean_reading(1))
+        read = observer.read
         at_rest = observer.at_rest & read
         ready = held & ((at_rest & self.controller.resting) | (tested & read)) & ~self.controller.in_over_pressure
         self._prober.update(time_s, ready, at_rest | tested, observer.in_doubt)
@@ -198,10 +202,11 @@ class GuardedValves:
             switched_on=self.switch.switched_on,
             vented=self.controller.vented,
             over=ValveFault.OVER_PRESSURE in faults,
-            rising=bool((self._observer.rising | self._observer.channels(Fault.RISES)).any()),
+            rising=not self._observer.calm
+            and bool((self._observer.rising | self._observer.channels(Fault.RISES)).any()),
             blind=time_s - self._read_at_s > self._watchdog_s,
         )
-        if all(fault is ValveFault.NONE for fault in faults):
+        if faults.count(ValveFault.NONE) == len(faults):
             self._findings = self._observer.findings
             return ValveCommand(spool, supply_open)
         of_loops = tuple(
