@@ -105,6 +105,10 @@ class Prober:
         """Channels under test, whose valves follow :meth:`openings`, shape (16,)."""
         return self._channels
 
+    def due(self, time_s: float, channels: Mask, at_once: bool) -> Mask:
+        """Return which of these channels, shape (16,), are to be tested once they are ready."""
+        return channels & (time_s - self._tested_at_s >= (0.0 if at_once else self._config.period_s))
+
     def update(self, time_s: float, ready: Mask, quiet: Mask, at_once: bool) -> None:
         """Begin, go on with or judge a test.
 
@@ -117,7 +121,7 @@ class Prober:
             return
         if np.count_nonzero(self._channels):
             self._go_on(time_s, ready, quiet)
-        if np.count_nonzero(ready) and not np.count_nonzero(self._channels):
+        if not np.count_nonzero(self._channels):
             self._begin(time_s, ready, at_once)
 
     def openings(self, time_s: float, pressure_gauge_pa: Vector) -> Vector:
@@ -137,7 +141,7 @@ class Prober:
         return np.where(self._channels, opening if step == 0 else -opening, 0.0)
 
     def _begin(self, time_s: float, ready: Mask, at_once: bool) -> None:
-        due = ready & (time_s - self._tested_at_s >= (0.0 if at_once else self._config.period_s))
+        due = self.due(time_s, ready, at_once)
         if not np.count_nonzero(due):
             return
         due &= self._observer.reading_noise_pa < self._config.noise_ratio * self._observer.sound_noise_pa

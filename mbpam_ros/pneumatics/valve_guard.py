@@ -190,6 +190,8 @@ class GuardedValves:
         ):
             self._prober.abort()
             return
+        if not (np.count_nonzero(tested) or np.count_nonzero(self._prober.due(time_s, held, observer.in_doubt))):
+            return
         read = observer.read
         at_rest = observer.at_rest & read
         ready = held & ((at_rest & self.controller.resting) | (tested & read)) & ~self.controller.in_over_pressure
