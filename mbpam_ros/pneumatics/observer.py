@@ -193,7 +193,7 @@ class Observer:
 
     def __init__(self, config: ObserverConfig, valve: AssumedValve, noise: ReadingNoise) -> None:
         self._config, self._valve, self._noise = config, valve, noise
-        alpha = -math.expm1(-2.0 * math.pi * noise.cutoff_hz * _NOMINAL_TICK_S)
+        alpha = self._filter_gain = -math.expm1(-2.0 * math.pi * noise.cutoff_hz * _NOMINAL_TICK_S)
         self._filtered_noise_pa2 = noise.noise_pa**2 * alpha / (2.0 - alpha)
         self._sound_noise_pa = math.sqrt(self._filtered_noise_pa2)
         self.begin_anew()
@@ -548,9 +548,10 @@ class Observer:
         self._name_jumps(np.flatnonzero(jumped & course.valid & ~self._known), course.moved)
 
     def _judge_steps(self, least_pa: Vector) -> None:
-        """Name a reading that went somewhere within three samples and stays: no bend comes and goes as fast.
+        """Name a reading that went somewhere between two samples and stays: a muscle has inertia.
 
-        The share of the bend's pressure that a muscle can move by in that time is left to it (:data:`_BEND_TIME_S`).
+        The low-pass spreads such a step over some samples, and shows its gain's part of it in the first; a finger that
+        snaps takes longer. What a muscle can move the pressure by in three samples (:data:`_BEND_TIME_S`) is left to it.
         """
         step = self._beyond.sum(axis=0)
         beyond = np.abs(step) > least_pa + 3.0 * self._interval_s / _BEND_TIME_S * self._bent_pa
@@ -558,7 +559,8 @@ class Observer:
             return
         calm = 0.2 * np.abs(step)
         stands = (np.abs(self._beyond[-3:].sum(axis=0)) < calm) & (np.abs(self._beyond[0]) < calm)
-        stepped = beyond & stands & (np.abs(self._beyond[1:4].sum(axis=0)) > 4.0 * calm) & ~self._known
+        sharp = self._beyond[1] * np.sign(step) > 0.8 * self._filter_gain * np.abs(step)
+        stepped = beyond & stands & sharp & ~self._known
         self._name_jumps(np.flatnonzero(stepped), step)
 
     @property

@@ -203,6 +203,21 @@ class Prober:
             said = f"test pulses fill {100.0 * share:.0f} % of what they vent, in the median of all channels"
             self._observer.find(Fault.SUPPLY_LOW, (), said, 0.99)
 
+    def _name(self, failed: Mask, share: Vector, quiet: Mask) -> None:
+        pulse = f"{100.0 * float(share[failed].mean()):.0f} % of a test pulse of {self._config.pulse_pa:.0f} Pa"
+        if failed.sum() > 1:  # of different fingers at once: two valves do not fail together
+            self._observer.find(Fault.SUPPLY_LOW, (), f"{failed.sum()} channels at once showed {pulse}", 0.99)
+            return
+        answers = quiet & (share > 0.5)
+        for channel in np.flatnonzero(failed):
+            here = int(channel)
+            others = np.flatnonzero(answers & same_finger(here))
+            if others.size == 1:
+                pair = (min(here, int(others[0])), max(here, int(others[0])))
+                self._observer.find(Fault.SWAPPED, pair, "with each other: one answers to the other's test pulse", 0.99)
+            else:
+                self._observer.find(Fault.NOT_FOLLOWING, (here,), f"showed {pulse}, twice", 0.99)
+
 
 def _fingers_of(channels: Mask) -> Mask:
     """Return all channels of the fingers these belong to, shape (16,)."""
