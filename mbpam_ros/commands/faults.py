@@ -3,6 +3,7 @@
     mbpam faults --json FILE                            every row, twenty trials in each tier
     mbpam faults --row "valve stuck open" --trials 5    one row
     mbpam faults --pneumatics iso6358                   on a machine with orifices, a tank and volumes
+    mbpam faults --seed 400                             other channels, moments, sizes and objects
     mbpam faults --list                                 the rows
     mbpam faults --sound 2 --json FILE                  two hours of a machine without faults: are there false alarms?
 
@@ -45,9 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=result_file, metavar="FILE", help="where the table goes")
     parser.add_argument("--row", action="append", metavar="NAME", help="a row of the table, may be given again")
     parser.add_argument("--trials", type=int, default=20, metavar="N", help="in each row, phase and tier (default: 20)")
-    parser.add_argument(
-        "--seed", type=int, default=SEED, metavar="N", help=f"of everything drawn; each trial adds one (default: {SEED})"
-    )
+    parser.add_argument("--seed", type=int, default=SEED, metavar="N", help=f"of everything drawn (default: {SEED})")
     parser.add_argument("--tier", choices=TIERS, help="how muscles are computed (default: both)")
     parser.add_argument(
         "--pneumatics",

@@ -15,9 +15,9 @@ c a second taken off (a one-sided cumulative sum, Page 1954):
 
 A sum telescopes, so that white noise of the reading does not add up in it, and a threshold is compared with pressure
 itself: what a fault must have moved, or failed to move, before it is named. Where the chambers have a volume, their
-muscle's bend can move the pressure too, back and forth but not on and on: what it can is added to the thresholds. A
-channel that does not follow is first closed and looked at: a leak then goes on falling, a slow valve goes on filling,
-and what neither does is a valve that stays closed or a transducer that stands still.
+muscle's bend can move the pressure too, back and forth but not on and on, nor within a sample: what it can is added to
+the thresholds. A channel that does not follow is first closed and looked at: a leak then goes on falling, a slow valve
+goes on filling, and what neither does is a valve that stays closed or a transducer that stands still.
 
 Slower than the slack, with the valve closed: the slope of the reading over all stretches in which the valve was closed,
 by least squares with a mean of its own for each stretch, and what the valve has had to add, times k_low. Noise: mean
@@ -314,7 +314,7 @@ class Observer:
     @property
     def read(self) -> Mask:
         """Channels whose last reading is one, shape (16,)."""
-        return np.isfinite(self._readings[-1])
+        return np.asarray(np.isfinite(self._readings[-1]))
 
     def aim(self, target_gauge_pa: Vector, time_s: float) -> None:
         """Take the set-points, shape (16,): what is slow starts anew in fingers that are told to move."""
@@ -551,7 +551,8 @@ class Observer:
         """Name a reading that went somewhere between two samples and stays: a muscle has inertia.
 
         The low-pass spreads such a step over some samples, and shows its gain's part of it in the first; a finger that
-        snaps takes longer. What a muscle can move the pressure by in three samples (:data:`_BEND_TIME_S`) is left to it.
+        snaps takes longer. What a muscle can move the pressure by in three samples, at :data:`_BEND_TIME_S` for all, is
+        left to it.
         """
         step = self._beyond.sum(axis=0)
         beyond = np.abs(step) > least_pa + 3.0 * self._interval_s / _BEND_TIME_S * self._bent_pa

@@ -15,9 +15,9 @@ less, or more, of what a wide one does (0.4 with the valves of the model iso6358
 pulses at the same set-point are brought nearer to their height; what it has shown once it must go on to show, so that a
 slow valve does not pass for a small one.
 
-Where the assumed law of a valve is right but for its factor, its C, that factor moves a pulse's rise r = y1 - y0 and its
-fall f = y1 - y2 alike, and r / f tells of the supply: with orifices (ISO 6358) and p the chamber's pressure, a tank at ps
-instead of the assumed p_s fills by
+Where the assumed law of a valve is right but for its factor, its C, that factor moves a pulse's rise r = y1 - y0 and
+its fall f = y1 - y2 alike, and r / f tells of the supply: with orifices (ISO 6358) and p the chamber's pressure, a tank
+at ps instead of the assumed p_s fills by
 
     r / f = ps' psi(p' / ps') / (p_s' psi(p' / p_s')),
 
@@ -195,7 +195,8 @@ class Prober:
         """Compare what pulses fill with what they vent, over the last ones of all channels."""
         if not self._valve.lasting or not channels.any():
             return
-        plain = channels & (fallen_pa > 0.0) & (np.maximum(risen_pa, fallen_pa) < _GREATEST_PULSE * self._config.pulse_pa)
+        greatest_pa = _GREATEST_PULSE * self._config.pulse_pa
+        plain = channels & (fallen_pa > 0.0) & (np.maximum(risen_pa, fallen_pa) < greatest_pa)
         self._supply_shares.extend((risen_pa[plain] / fallen_pa[plain]).tolist())
         share = statistics.median(self._supply_shares or (1.0,))
         if len(self._supply_shares) >= _PULSES_THAT_TELL and share < self._config.least_supply_share:
