@@ -68,6 +68,8 @@ class MeshedDrawing:
     ) -> tuple[list[dict[str, Any]], dict[str, str]]:
         """Run what the file does not hold of the designs under each pattern; return the rows, and what failed by name.
 
+        Rows of other designs and patterns stay in the file.
+
         Raises:
             ConfigError: the drawing's silicone is not known.
             ResultFileError: ``path`` cannot be written, or holds something else.
@@ -100,7 +102,7 @@ class MeshedDrawing:
             failing=(*NO_EQUILIBRIUM, CellGeometryError),
             s_per_job=S_PER_JOB,
         )
-        results.write(list(jobs), failures=failures)
+        results.write([*jobs, *(name for name in results.rows if name not in jobs)], failures=failures)
         return [results.rows[name] for name in jobs if name in results.rows], failures
 
 

@@ -127,6 +127,9 @@ def test_the_run_goes_on_where_it_was_and_ends_in_a_gripper_of_that_muscle(half,
     assert "<h2>Drawing</h2>" in (folder / "report.html").read_text()
     ran = len(RAN)
     assert main(command) == 0 and len(RAN) <= ran + 1  # what failed is tried again, nothing else
+    rows = json.loads((folder / "samples.json").read_text())["samples"]
+    assert main(["muscle", "build", "half", "--samples", "0", "--patterns", "pdc", "--workers", "1"]) == 0
+    assert json.loads((folder / "samples.json").read_text())["samples"] == rows  # a smaller run loses none
     chosen = load_drawing("half_chosen")
     assert (chosen.a_mm, chosen.b_mm) == pytest.approx((front["chosen"]["a_mm"], front["chosen"]["b_mm"]), abs=1e-3)
     (half / "gripper.yaml").write_text(
