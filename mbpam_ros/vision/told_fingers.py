@@ -57,7 +57,9 @@ class ToldFingers:
         before = [lines for time_s, lines in near if time_s < stamp_s][-1:]
         after = [lines for time_s, lines in near if time_s >= stamp_s][:1]
         known = [lines for lines in before + after if lines is not None]
-        if not after or len(known) < len(before + after) or all(self._is_open(lines) for lines in known):
+        if not after or len(known) < len(before + after) or len({lines.shape for lines in known}) > 1:
+            return None
+        if all(self._is_open(lines) for lines in known):
             return None
         fingers = known[-1]
         if len(known) == 2 and not _near(known[0], known[1], _STILL_WITHIN_M):

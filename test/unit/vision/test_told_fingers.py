@@ -88,6 +88,12 @@ def test_open_fingers_and_unknown_ones_are_not_told():
     assert told((1.0, 0.0), (1.1, 0.03)).at(1.05) is not None
 
 
+def test_between_words_of_different_numbers_of_points_nothing_is_told():
+    fingers = told((1.0, 0.03))
+    fingers.tell(1.1, shape(0.05, points=9))
+    assert fingers.at(1.05) is None
+
+
 def test_fingers_that_stand_still_but_for_noise_are_told_once():
     fingers = told((1.0, 0.03), (1.1, 0.0301))
     first = fingers.at(1.05)
