@@ -19,7 +19,7 @@ from mbpam_ros.vision.detector import Detection
 STALE_S = 0.5
 """A shape told longer ago, or later by more, says nothing of an image."""
 
-_OPEN_WITHIN_M = 1e-3  # told so near to open, a finger is open: the mask's margin covers it
+_OPEN_WITHIN_M = 5e-4  # told so near to open, a finger is open: the mask's margin covers it
 _STILL_WITHIN_M = 2.5e-4
 _KEPT = 32
 
@@ -49,18 +49,21 @@ class ToldFingers:
     def at(self, stamp_s: float) -> NDArray[np.float64] | None:
         """Return centre lines, (4 or 8, n, 3), between which the fingers are at ``stamp_s``.
 
-        None where nothing is known of them, or they are open as far as can be told. While they stand still the same
-        array is returned.
+        Of fingers that move, those before it, and those after it moved on by as much again: what is told is estimated
+        with a lag. None where nothing is known of them, or they are open as far as can be told. While they stand still
+        the same array is returned.
         """
         near = [each for each in self._told if abs(each[0] - stamp_s) <= STALE_S]
         before = [lines for time_s, lines in near if time_s < stamp_s][-1:]
         after = [lines for time_s, lines in near if time_s >= stamp_s][:1]
         known = [lines for lines in before + after if lines is not None]
-        if not after or len(known) < len(before + after) or all(self._is_open(lines) for lines in known):
+        if not after or len(known) < len(before + after) or len({lines.shape for lines in known}) > 1:
             return None
-        if len(known) == 2 and _near(known[0], known[1], _STILL_WITHIN_M):
-            known.pop(0)
-        fingers = np.concatenate(known)
+        if all(self._is_open(lines) for lines in known):
+            return None
+        fingers = known[-1]
+        if len(known) == 2 and not _near(known[0], known[1], _STILL_WITHIN_M):
+            fingers = np.concatenate([known[0], 2.0 * known[1] - known[0]])
         if self._answered is None or not _near(fingers, self._answered, _STILL_WITHIN_M):
             self._answered = fingers
         return self._answered

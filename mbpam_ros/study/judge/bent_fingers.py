@@ -116,7 +116,7 @@ def _run(name: str, mode: str | None, pressure_pa: float, config: DetectorConfig
     for tick in range(-_WORD_TICKS, _TICKS + _WORD_TICKS + 1):
         if tick == 0:
             simulation.grasp(mode)
-        if tick >= 0 and tick % _IMAGE_TICKS == 0:
+        if 0 <= tick <= _TICKS and tick % _IMAGE_TICKS == 0:  # each has a word after it
             exposed.append(simulation.seen)
         time_s = simulation.seen.time_s
         simulation.tick()

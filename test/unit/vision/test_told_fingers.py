@@ -58,7 +58,7 @@ def test_an_image_waits_for_the_first_word_at_or_after_it():
     assert fingers.awaited(1.05)
     fingers.tell(1.1, shape(0.05))
     assert not fingers.awaited(1.05) and not fingers.awaited(1.1)
-    np.testing.assert_array_equal(fingers.at(1.05), np.concatenate([shape(0.03), shape(0.05)]))
+    np.testing.assert_allclose(fingers.at(1.05), np.concatenate([shape(0.03), shape(0.07)]))
 
 
 def test_nothing_is_awaited_of_who_has_not_spoken_for_long_or_never():
@@ -82,10 +82,16 @@ def test_after_time_was_set_back_only_what_was_told_since_counts():
 
 
 def test_open_fingers_and_unknown_ones_are_not_told():
-    assert told((1.0, 5e-4), (1.1, 0.0)).at(1.1) is None
+    assert told((1.0, 4e-4), (1.1, 0.0)).at(1.1) is None
     assert told((1.0, 0.03), (1.1, None)).at(1.05) is None
     assert told((1.0, None), (1.1, 0.03)).at(1.05) is None
     assert told((1.0, 0.0), (1.1, 0.03)).at(1.05) is not None
+
+
+def test_between_words_of_different_numbers_of_points_nothing_is_told():
+    fingers = told((1.0, 0.03))
+    fingers.tell(1.1, shape(0.05, points=9))
+    assert fingers.at(1.05) is None
 
 
 def test_fingers_that_stand_still_but_for_noise_are_told_once():
