@@ -143,7 +143,7 @@ def test_the_same_script_gives_the_same_bits(new_graph):
     def run():
         # A busy machine must not be taken for valves that do not answer.
         gripper = Gripper(new_graph(), lock_step_timeout_s=2.0)
-        gripper.plan((0.6, "grasp/auto"), (1.6, "plant/lift"), (2.8, "grasp/release"))
+        gripper.plan((0.7, "grasp/auto"), (1.6, "plant/lift"), (2.8, "grasp/release"))
         gripper.run_until(3.5)
         assert [(name, answer.success) for name, answer in gripper.answers] == [
             ("grasp/auto", True),
