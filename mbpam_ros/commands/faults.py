@@ -21,7 +21,7 @@ import argparse
 from mbpam_ros.commands.result_arguments import result_file
 from mbpam_ros.commands.workers import add_workers, executor_for
 from mbpam_ros.pneumatics.registry import pneumatic_model_names
-from mbpam_ros.study.faults.draws import ROWS, row_named
+from mbpam_ros.study.faults.draws import ROWS, SEED, row_named
 from mbpam_ros.study.faults.sound import S_PER_SPAN, sound_jobs, sound_row, sound_text, span_text
 from mbpam_ros.study.faults.table import (
     ROW_NAMES,
@@ -45,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=result_file, metavar="FILE", help="where the table goes")
     parser.add_argument("--row", action="append", metavar="NAME", help="a row of the table, may be given again")
     parser.add_argument("--trials", type=int, default=20, metavar="N", help="in each row, phase and tier (default: 20)")
+    parser.add_argument(
+        "--seed", type=int, default=SEED, metavar="N", help=f"of everything drawn; each trial adds one (default: {SEED})"
+    )
     parser.add_argument("--tier", choices=TIERS, help="how muscles are computed (default: both)")
     parser.add_argument(
         "--pneumatics",
@@ -65,8 +68,8 @@ def run(options: argparse.Namespace) -> int:
     if options.sound is not None:
         return _use_a_sound_machine(options, tiers)
     rows = [row_named(name) for name in options.row] if options.row else list(ROWS)
-    jobs = trial_jobs(rows, tiers, options.trials, options.pneumatics or "lag")
-    kept = ResultFile(runs_beside(options.json), settings(), "trials", lambda trial: trial["job"])
+    jobs = trial_jobs(rows, tiers, options.trials, options.pneumatics or "lag", options.seed)
+    kept = ResultFile(runs_beside(options.json), settings(options.seed), "trials", lambda trial: trial["job"])
     with executor_for(options, len(jobs)) as executor:
         run_jobs(jobs, trial_row, kept, executor, Progress(), trial_text, s_per_job=S_PER_TRIAL)
     table = table_rows(kept.write(list(jobs))["trials"])
@@ -77,8 +80,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _use_a_sound_machine(options: argparse.Namespace, tiers: tuple[str, ...]) -> int:
-    jobs = sound_jobs(options.sound, tiers, options.pneumatics)
-    kept = ResultFile(options.json, settings(), "spans", lambda row: row["job"])
+    jobs = sound_jobs(options.sound, tiers, options.pneumatics, options.seed)
+    kept = ResultFile(options.json, settings(options.seed), "spans", lambda row: row["job"])
     with executor_for(options, len(jobs)) as executor:
         run_jobs(jobs, sound_row, kept, executor, Progress(), span_text, s_per_job=S_PER_SPAN)
     spans = kept.write(list(jobs))["spans"]

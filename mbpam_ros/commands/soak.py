@@ -9,7 +9,8 @@ Grasps in random modes, stops and releases at random moments; among the nodes al
 or frozen for some seconds, while a grasp closes or holds. After each the same way back is gone: release, reset, air on.
 What must not be is listed: a fault of nobody's making, a pressure more than 2 % above the limit for longer than 20 ms,
 no way back to idle. Then memory, threads and open files of each process from the first minute to the last, and how many
-valve commands came later than a driver waits for them. Exit code 1 if anything is listed.
+valve commands came later than a driver waits for them while every node ran; what a node's end, freeze or new beginning
+held up is told apart, by what befell which node. Exit code 1 if anything is listed.
 """
 
 from __future__ import annotations
@@ -66,8 +67,9 @@ class NodeSoakResult:
         grasps, held: asked for, and held before they were ended.
         befallen: how often what was done to which node.
         pressure_max_kpa: highest measured pressure.
-        commands, late_commands: valve commands, and how many came later than a driver waits, while no node was down.
+        commands, late_commands: valve commands, and how many came later than a driver waits, while every node ran.
         longest_gap_ms: the longest of these gaps.
+        befallen_gap_ms: the longest gap from when a node was killed or frozen until all is on again, by what befell it.
         usage: by node: memory [MB], threads and open files, each at the first and the last look.
         wrong: what must not be, in words.
     """
@@ -80,6 +82,7 @@ class NodeSoakResult:
     commands: int = 0
     late_commands: int = 0
     longest_gap_ms: float = 0.0
+    befallen_gap_ms: dict[str, float] = field(default_factory=dict)
     usage: dict[str, dict[str, tuple[float, float]]] = field(default_factory=dict)
     wrong: list[str] = field(default_factory=list)
 
@@ -101,6 +104,7 @@ class NodeSoak:
         self._pressure_pa = np.full(1, np.nan)
         self._over_since_s: float | None = None
         self._commanded_s: float | None = None
+        self._befallen: str | None = None
         subscribe = operator.node.create_subscription
         subscribe(JointState, "chamber_states", self._on_pressures, NEWEST)
         subscribe(JointState, "valve_commands", self._on_command, NEWEST)
@@ -137,7 +141,7 @@ class NodeSoak:
         name = f"{node} {how}"
         self.result.befallen[name] = self.result.befallen.get(name, 0) + 1
         process = self._processes.processes[node]
-        self._commanded_s = None
+        self._befallen = name
         if how == KILLED:
             del self._processes.processes[node]  # or its end is taken for a failure
             process.kill()
@@ -175,7 +179,7 @@ class NodeSoak:
                 if time.monotonic() > until_s:
                     raise NodeSystemError(f"the air cannot be switched on: {error}") from error
                 self._wait(0.2)
-        self._commanded_s = None
+        self._befallen, self._commanded_s = None, None
 
     def _call(self, service: str) -> None:
         """Call a service of a node that may be starting anew: what its predecessor in the graph was asked is lost."""
@@ -208,13 +212,16 @@ class NodeSoak:
             self.result.wrong.append(f"{highest_pa / 1e3:.1f} kPa for {now_s - self._over_since_s:.2f} s")
 
     def _on_command(self, _: JointState) -> None:
-        now_s = time.monotonic()
-        self.result.commands += 1
-        if self._commanded_s is not None:
-            gap_s = now_s - self._commanded_s
-            self.result.late_commands += gap_s > LATE_COMMAND_S
-            self.result.longest_gap_ms = max(self.result.longest_gap_ms, round(1e3 * gap_s, 1))
-        self._commanded_s = now_s
+        now_s, result = time.monotonic(), self.result
+        gap_s = 0.0 if self._commanded_s is None else now_s - self._commanded_s
+        gap_ms, self._commanded_s = round(1e3 * gap_s, 1), now_s
+        if self._befallen is not None:
+            longest_ms = result.befallen_gap_ms.get(self._befallen, 0.0)
+            result.befallen_gap_ms[self._befallen] = max(longest_ms, gap_ms)
+            return
+        result.commands += 1
+        result.late_commands += gap_s > LATE_COMMAND_S
+        result.longest_gap_ms = max(result.longest_gap_ms, gap_ms)
 
     def _look_at_usage(self) -> None:
         """Take memory, threads and open files; of a process that was started anew the later of its own two looks."""
@@ -301,10 +308,16 @@ def nodes_text(result: NodeSoakResult) -> str:
     lines = [
         f"real time: {result.wall_s / 60.0:.1f} min, {result.grasps} grasps, {result.held} held; {befallen}",
         f"highest pressure {result.pressure_max_kpa:.1f} kPa; {result.late_commands} of {result.commands} valve "
-        f"commands later than {1e3 * LATE_COMMAND_S:.0f} ms, the longest pause {result.longest_gap_ms:.0f} ms",
+        f"commands later than {1e3 * LATE_COMMAND_S:.0f} ms while all nodes ran, the longest pause "
+        f"{result.longest_gap_ms:.0f} ms",
+        f"longest pause after {_pauses(result.befallen_gap_ms)}",
         table(("node", "memory [MB]", "threads", "files"), rows),
     ]
     return "\n".join([*lines, *_wrong_lines(result.wrong)])
+
+
+def _pauses(gap_ms: dict[str, float]) -> str:
+    return ", ".join(f"{what} {1e-3 * gap:.2f} s" for what, gap in sorted(gap_ms.items())) or "nothing: no node was down"
 
 
 def _wrong_lines(wrong: list[str]) -> list[str]:

@@ -26,25 +26,27 @@ S_PER_SPAN = 12.0
 
 
 def sound_jobs(
-    hours: float, tiers: tuple[str, ...], model: str | None = None
-) -> dict[str, tuple[str, str, int, str | None]]:
+    hours: float, tiers: tuple[str, ...], model: str | None = None, seed: int = SEED
+) -> dict[str, tuple[str, str, int, str | None, int]]:
     """Return what :func:`sound_row` is given for each span, by name; together they make so many hours."""
     spans = max(1, round(3600.0 * hours / SPAN_S))
     return {
-        name: (name, tiers[number % len(tiers)], number, model)
+        name: (name, tiers[number % len(tiers)], number, model, seed)
         for number in range(spans)
         for name in (f"sound, {tiers[number % len(tiers)]}, {number}{'' if model is None else f', {model}'}",)
     }
 
 
-def sound_row(name: str, tier: str, number: int, model: str | None = None, span_s: float = SPAN_S) -> dict:
+def sound_row(
+    name: str, tier: str, number: int, model: str | None = None, seed: int = SEED, span_s: float = SPAN_S
+) -> dict:
     """Grasp, lift, hold, lower and release at random for a while; return what was found though nothing was wrong.
 
     The pneumatic model is drawn where none is given.
 
     A plant that cannot go on (an object that fell is pressed through its stand by the lowered hand) is started anew.
     """
-    random = np.random.default_rng([SEED, number])
+    random = np.random.default_rng([seed, number])
     scene_name, drawn = str(random.choice(SCENES)), str(random.choice(pneumatic_model_names()))
     model = model or drawn
     simulation = _sound_machine(scene_name, model, tier, number)

@@ -19,17 +19,17 @@ LETS_GO = (Response.VENT_ALL.value, Response.VENT_CHANNEL.value, Response.CUT_SU
 HIGHEST_KPA, OPEN_HIGHEST_KPA, OPEN_ABOVE_S, ABOVE_S = 112.2, 125.0, 0.5, 0.02
 
 
-def settings() -> dict[str, object]:
+def settings(seed: int = SEED) -> dict[str, object]:
     """Return what all trials depend on."""
-    return {"sources": sources_digest(), "versions": versions("numpy", "numba", "scipy"), "seed": SEED}
+    return {"sources": sources_digest(), "versions": versions("numpy", "numba", "scipy"), "seed": seed}
 
 
 def trial_jobs(
-    rows: Sequence[FaultRow], tiers: Sequence[str], trials: int, pneumatics: str
+    rows: Sequence[FaultRow], tiers: Sequence[str], trials: int, pneumatics: str, seed: int = SEED
 ) -> dict[str, tuple[str, str, PhaseName, str, int, str]]:
     """Return what :func:`~mbpam_ros.study.faults.trial.trial_row` is given for each trial, by name."""
     return {
-        name: (name, row.name, phase, tier, SEED + number, pneumatics)
+        name: (name, row.name, phase, tier, seed + number, pneumatics)
         for row in rows
         for phase in row.phases
         for tier in tiers
