@@ -317,7 +317,7 @@ def nodes_text(result: NodeSoakResult) -> str:
 
 
 def _pauses(gap_ms: dict[str, float]) -> str:
-    return ", ".join(f"{what} {1e-3 * gap:.2f} s" for what, gap in sorted(gap_ms.items())) or "nothing: no node was down"
+    return ", ".join(f"{what} {1e-3 * gap:.2f} s" for what, gap in sorted(gap_ms.items())) or "nothing: none was down"
 
 
 def _wrong_lines(wrong: list[str]) -> list[str]:
