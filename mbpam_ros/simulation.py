@@ -126,7 +126,7 @@ class Simulation:
         self._arbiter.expect(expected)
         self._plant = build_plant(scene, fidelity or request, gripper, real_pneumatics or pneumatics, seed=seed)
         self._sensing = PressureSensing(pneumatics.sensing, pneumatics.transducer)
-        self._valves = GuardedValves(pneumatics, *limits, True, model, gripper.gas_law)
+        self._valves = GuardedValves(pneumatics, *limits, switched_on=True, model=model, gas_law=gripper.gas_law)
         self.channel_status: tuple[ChannelStatus, ...] = ()
         self.seen: Observation = self._plant.observe()
         self.pressure_gauge_pa = np.full(CHANNEL_COUNT, np.nan)

@@ -45,13 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=result_file, metavar="FILE", help="where the table goes")
     parser.add_argument("--row", action="append", metavar="NAME", help="a row of the table, may be given again")
     parser.add_argument("--trials", type=int, default=20, metavar="N", help="in each row, phase and tier (default: 20)")
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=SEED,
-        metavar="N",
-        help=f"of all that is drawn; each trial adds one (default: {SEED})",
-    )
+    parser.add_argument("--seed", type=int, default=SEED, metavar="N", help=f"of what is drawn (default: {SEED})")
     parser.add_argument("--tier", choices=TIERS, help="how muscles are computed (default: both)")
     parser.add_argument(
         "--pneumatics",

@@ -495,7 +495,7 @@ def open_fingers(gripper: Gripper) -> NDArray[np.float64]:
 
 
 class _View:
-    """What depends on the camera alone, and the masks of the open fingers and of the last ones told."""
+    """What depends on the camera alone: how its images are straightened, and the mask of the fingers."""
 
     def __init__(self, camera: Camera, mask: FingerMask) -> None:
         self.camera, self._mask = camera, mask
