@@ -157,8 +157,8 @@ class CellLaw:
         return None if self.side_stiffness_n_m2 is None else self.side_stiffness_n_m2[:, self._straight]
 
     def _at_free_bend(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
-        bends = zip(samples, self.free_curvature_per_m, strict=True)
-        return np.array([float(PchipInterpolator(self.curvature_per_m, row)(bend)) for row, bend in bends])
+        every: NDArray[np.float64] = PchipInterpolator(self.curvature_per_m, samples, axis=1)(self.free_curvature_per_m)
+        return every.diagonal().copy()
 
     @functools.cached_property
     def _straight(self) -> int:

@@ -13,7 +13,7 @@ import pytest
 
 import mbpam_ros
 
-pytestmark = pytest.mark.xdist_group("architecture")  # each file is parsed once
+pytestmark = pytest.mark.xdist_group("architecture")  # each file is parsed and walked once
 PACKAGE = Path(mbpam_ros.__file__).parent
 MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
 
@@ -43,6 +43,9 @@ ALLOWED = {
 }
 """Which parts of the package a part may import, besides itself."""
 
+STATEMENTS = (ast.stmt, ast.ExceptHandler, ast.match_case)
+"""Nodes that may be, or hold, an import."""
+
 ROS = ("rclpy", "_msgs", "_srvs", "_interfaces")
 
 
@@ -51,13 +54,19 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+@functools.cache
+def nodes_of(path: Path) -> list[ast.AST]:
+    return list(ast.walk(tree_of(path)))
+
+
 def part_of(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
+@functools.cache
 def imports_of(path: Path) -> set[str]:
     names = set()
-    for node in ast.walk(tree_of(path)):
+    for node in nodes_of(path):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -80,18 +89,20 @@ def named_by(node: ast.AST) -> set[str]:
     return {alias.name for alias in node.names} if isinstance(node, ast.Import) else set()
 
 
-def modules_imported_at_once(tree: ast.AST) -> set[str]:
+def modules_imported_at_once(path: Path) -> set[str]:
     """Modules of the package that are loaded with one: all its imports but those inside functions."""
-    found = set()
-    for node in ast.iter_child_nodes(tree):
-        if not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
-            found |= named_by(node) | modules_imported_at_once(node)
-    return found & NAMES
+
+    def found_in(part: ast.AST) -> set[str]:
+        inside = [node for node in ast.iter_child_nodes(part) if isinstance(node, STATEMENTS)]
+        at_once = [node for node in inside if not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
+        return set().union(*(named_by(node) | found_in(node) for node in at_once))
+
+    return found_in(tree_of(path)) & NAMES
 
 
-def modules_referred_to(tree: ast.AST) -> set[str]:
+def modules_referred_to(path: Path) -> set[str]:
     """Modules of the package that are ever imported from one: at once, in a function, or by a name in a table."""
-    nodes = list(ast.walk(tree))
+    nodes = nodes_of(path)
     named = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
     return set().union(named, *map(named_by, nodes)) & NAMES
 
@@ -152,7 +163,7 @@ def is_python_s_own_error(base: ast.expr) -> bool:
 
 
 def test_every_error_has_the_one_root():
-    classes = [node for path in MODULES for node in ast.walk(tree_of(path)) if isinstance(node, ast.ClassDef)]
+    classes = [node for path in MODULES for node in nodes_of(path) if isinstance(node, ast.ClassDef)]
     rootless = {
         node.name
         for node in classes
@@ -165,8 +176,7 @@ def test_every_error_has_the_one_root():
 
 @pytest.mark.parametrize("reach", [modules_imported_at_once, modules_referred_to])
 def test_no_module_leads_back_to_itself(reach):
-    trees = {module_name(path): tree_of(path) for path in MODULES}
-    graph = {name: reach(tree) - {name} for name, tree in trees.items()}
+    graph = {module_name(path): reach(path) - {module_name(path)} for path in MODULES}
     TopologicalSorter(graph).prepare()  # a CycleError names the modules of the circle
 
 

@@ -13,6 +13,7 @@ the compiler, the block is the tuple itself and is passed as such: the same resu
 
 from __future__ import annotations
 
+import functools
 import zlib
 from collections.abc import Callable
 from typing import Any
@@ -63,15 +64,20 @@ def new_block(parts: Parts, sample: Parts, packed: bool = packs()) -> Block:
 
 def _layout(part: object) -> np.dtype[Any]:
     """Return how compiled code holds a part: as a structure in C."""
-    if isinstance(part, tuple):
-        return np.dtype([(f"f{place}", _layout(each)) for place, each in enumerate(part)], align=True)
-    if isinstance(part, np.ndarray):
-        fields = [*_ARRAY_FIELDS, ("shape", np.int64, (part.ndim,)), ("strides", np.int64, (part.ndim,))]
-        return np.dtype(fields, align=True)
-    return np.dtype(type(part))
+    return _layout_of(_kinds(part))
 
 
-def _kinds(part: object) -> object:
+@functools.lru_cache(maxsize=1024)
+def _layout_of(kinds: Any) -> np.dtype[Any]:
+    if not isinstance(kinds, tuple):
+        return np.dtype(kinds)
+    _, inner = kinds
+    if isinstance(inner, tuple):
+        return np.dtype([(f"f{place}", _layout_of(each)) for place, each in enumerate(inner)], align=True)
+    return np.dtype([*_ARRAY_FIELDS, ("shape", np.int64, (inner,)), ("strides", np.int64, (inner,))], align=True)
+
+
+def _kinds(part: object) -> Any:
     """Return what must agree for the same compiled code to read a part."""
     if isinstance(part, tuple):
         return type(part), tuple(map(_kinds, part))

@@ -40,6 +40,7 @@ Frame: the clamp's, z along the hanging muscle. Columns of Jacobians: q_0x, q_0y
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -130,6 +131,7 @@ class Motion(NamedTuple):
         return Motion(*(part[..., finger] for part in self))
 
 
+@functools.lru_cache(maxsize=32)
 def build_rod(
     geometry: MuscleGeometry, modes: int, segments: int, balls: int, twist_modes: int = 0, stretch_modes: int = 0
 ) -> Rod:
@@ -137,7 +139,7 @@ def build_rod(
 
     At 170 deg, four segments place the tip to 0.05 % and have the mass matrix to 3e-4; each one more is ten times as
     good. ``balls`` of the muscle's radius stand evenly along it, the last one a radius before its end. About their axis
-    sections turn like a solid cylinder's.
+    sections turn like a solid cylinder's. Cached: equal arguments give the same object.
     """
     stretching = stretch_modes > 0
     shares = 0.5 * (1.0 + _lobatto_points(segments))
@@ -244,6 +246,7 @@ def _lobatto_points(segments: int) -> Array:
     return np.concatenate([[-1.0], np.sort(inner.real), [1.0]])
 
 
+@functools.lru_cache(maxsize=16)
 def _lagrange_coefficients(segments: int) -> Array:
     """Legendre coefficients of the polynomials that are 1 at one Lobatto point and 0 at the others, in columns."""
     inverse = np.linalg.inv(legendre.legvander(_lobatto_points(segments), segments))

@@ -1,6 +1,8 @@
 """Loops that see what is wrong with the machine: each fault is named, in time, and a sound machine is left in peace."""
 
+import copy
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -85,21 +87,23 @@ class Rig:
         self.faults.inject(fault, self.chambers.spool, self.pressure_pa, self.volts)
 
 
-def holding(seed=0):
-    rig = Rig(seed=seed)
-    rig.run(0.2)
-    rig.aim(GRIP)
-    rig.run(2.5)
-    assert not rig.found
-    return rig
-
-
-def closing(seed=0, for_s=0.1):
-    rig = Rig(seed=seed)
+@functools.cache
+def gripping(for_s):
+    rig = Rig()
     rig.run(0.2)
     rig.aim(GRIP)
     rig.run(for_s)
     return rig
+
+
+def holding():
+    rig = copy.deepcopy(gripping(2.5))
+    assert not rig.found
+    return rig
+
+
+def closing():
+    return copy.deepcopy(gripping(0.1))
 
 
 ONE = (CHANNEL_NAMES[CHANNEL],)
