@@ -6,6 +6,7 @@ import pytest
 from mbpam_ros.geometry.solids import SHAPES, distance_m, half_height, principal_inertia
 from mbpam_ros.geometry.surfaces import BOX, CYLINDER, REST_POINTS, SHAPE_CODES, SPHERE, rest_points, signed_distance
 
+pytestmark = pytest.mark.xdist_group("solids")  # what rest points call is compiled once
 SIZES = {"sphere": (0.06, 0.06, 0.06), "cylinder": (0.02, 0.02, 0.25), "box": (0.035, 0.12, 0.06)}
 LYING = np.array([-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # body z along world y
 

@@ -18,6 +18,7 @@ from mbpam_ros.pneumatics.sensing import PressureSensing
 from mbpam_ros.pneumatics.transducer import Transducer
 from mbpam_ros.pneumatics.valve_guard import GuardedValves
 
+pytestmark = pytest.mark.xdist_group("valve_guard")  # what begins with a grasp begins with the same one
 CONFIG = load_pneumatics()
 TICK_S = 0.01
 GRIP = np.where(np.arange(CHANNEL_COUNT) % 4 == 0, 100e3, 0.0)
