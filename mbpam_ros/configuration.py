@@ -8,6 +8,7 @@ The files are found wherever the package was put: in a source tree or an editabl
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import os
 import re
@@ -146,8 +147,11 @@ def parse_together(
     return tuple(_build(cls, mapping, where, decided) for cls in classes)
 
 
+_type_hints = functools.lru_cache(maxsize=256)(typing.get_type_hints)
+
+
 def _build(cls: type[DataclassInstance], mapping: dict[str, Any], where: str, decided: dict[str, object]) -> object:
-    hints = typing.get_type_hints(cls)
+    hints = _type_hints(cls)
     names = [field.name for field in dataclasses.fields(cls)]
     values = {name: _convert(hints[name], mapping[name], f"{where}: {name}") for name in names if name in mapping}
     values |= {name: value for name, value in decided.items() if name in names}

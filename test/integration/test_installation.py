@@ -59,7 +59,7 @@ def virtual_environment(source: Path) -> Path:
     builds_wheels = any(map(importlib.util.find_spec, ("setuptools.command.bdist_wheel", "wheel")))
     isolation = ["--no-build-isolation"] if builds_wheels else []
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", str(root / "bin" / "python")]
-    run(*pip, "install", "--quiet", "--no-deps", *isolation, str(source))
+    run(*pip, "install", "--quiet", "--no-deps", "--no-compile", *isolation, str(source))
     return root
 
 

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from mbpam_ros.errors import MbpamError
 
@@ -90,7 +90,8 @@ class Coverage:
         Their sum of squares is then that of as many standard normal numbers, with a chi-squared distribution. Errors
         at samples that are left out in turn depend a little on each other, for which no allowance is made.
         """
-        return self.count * self.rms_score**2 <= float(chi2.ppf(0.975, self.count))
+        quantile = 2.0 * float(gammaincinv(0.5 * self.count, 0.975))
+        return self.count * self.rms_score**2 <= quantile
 
     def as_json(self) -> dict[str, object]:
         """Return the figures as plain values."""

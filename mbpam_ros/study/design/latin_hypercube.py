@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
-from scipy.stats import qmc
 
 from mbpam_ros.errors import MbpamError
 from mbpam_ros.study.executors import ThisProcess
@@ -51,6 +50,8 @@ def space_filling(unit_points: NDArray[np.float64]) -> SpaceFilling:
         raise SamplingError("at least two points are needed to judge how they fill their space")
     if not np.all((unit_points >= 0.0) & (unit_points <= 1.0)):
         raise SamplingError("points outside the ranges of their variables")
+    from scipy.stats import qmc  # all of its statistics, which those do without who ask for ranges
+
     return SpaceFilling(float(qmc.discrepancy(unit_points, method="CD")), float(pdist(unit_points).min()))
 
 
@@ -105,6 +106,8 @@ def optimal_latin_hypercube(
 
 def _restarted(count: int, variables: int, seed: int, restart: int) -> dict:
     """Return one design as whole levels 0 ... count - 1, rows of points."""
+    from scipy.stats import qmc
+
     # SciPy before 1.15, which ROS 2 Jazzy's system has, knows this argument only as seed.
     generator = np.random.default_rng((seed, restart))
     sampler = qmc.LatinHypercube(variables, scramble=False, optimization="random-cd", seed=generator)

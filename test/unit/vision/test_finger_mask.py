@@ -15,6 +15,7 @@ MARGIN_M = 0.0015
 CAMERA = Camera.from_config(load_camera_config())
 RENDERER = Renderer(CAMERA)
 DARK = SceneView(0.3, support_rgb=(0.0, 0.0, 0.0))
+WITHOUT_FINGERS = RENDERER.render(DARK)
 OPEN = open_fingers(load_gripper())
 INWARD_DEG = (225.0, 315.0, 45.0, 135.0)
 ACROSS_DEG = (135.0, 315.0, 315.0, 135.0)
@@ -33,7 +34,7 @@ def bent(angle_deg, azimuths_deg=INWARD_DEG, points=14):
 def drawn(fingers_m):
     """Where the renderer shows fingers, of the pixels that the mask has: any of the stride's."""
     view = SceneView(0.3, (), fingers_m, RADIUS_M, support_rgb=DARK.support_rgb)
-    fingers = (RENDERER.render(view) != RENDERER.render(DARK)).any(axis=2)
+    fingers = (RENDERER.render(view) != WITHOUT_FINGERS).any(axis=2)
     height, width = (size // STRIDE * STRIDE for size in fingers.shape)
     return fingers[:height, :width].reshape(height // STRIDE, STRIDE, width // STRIDE, STRIDE).any(axis=(1, 3))
 
