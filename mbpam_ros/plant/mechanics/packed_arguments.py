@@ -70,7 +70,8 @@ def _layout(part: object) -> np.dtype[Any]:
 @functools.lru_cache(maxsize=1024)
 def _layout_of(kinds: Any) -> np.dtype[Any]:
     if not isinstance(kinds, tuple):
-        return np.dtype(kinds)
+        number: np.dtype[Any] = np.dtype(kinds)
+        return number
     _, inner = kinds
     if isinstance(inner, tuple):
         return np.dtype([(f"f{place}", _layout_of(each)) for place, each in enumerate(inner)], align=True)
