@@ -9,6 +9,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from mbpam_ros.commands.mbpam import main
+from mbpam_ros.configuration import load_yaml
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.vision.camera import camera_intrinsics, camera_pose, load_camera_config
 from mbpam_ros.vision.render import ColouredSolid, Renderer, SceneView
@@ -49,10 +50,13 @@ def files(tmp_path, photograph, monkeypatch):
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("photo.png", photograph[0][..., ::-1])
     (tmp_path / "info.yaml").write_text(yaml.safe_dump(calibration()))
+    # With all the time it wants: how long it takes here says nothing.
+    (tmp_path / "patient.yaml").write_text(yaml.safe_dump({**load_yaml("detector.yaml"), "budget_s": 10.0}))
     return tmp_path
 
 
 COMMAND = ["detect", "--image", "photo.png", "--camera-info", "info.yaml", "--support-depth", str(DEPTH_M)]
+COMMAND += ["--detector", "patient.yaml"]
 
 
 def test_an_image_file_becomes_detections_and_an_overlay(files, photograph, capsys):
