@@ -12,6 +12,7 @@ depth. Angles are in radians, lengths in metres.
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -78,7 +79,8 @@ def run(options: argparse.Namespace) -> int:
     if options.depth is not None:
         of_depth = None if options.depth_camera_info is None else read_camera_info(options.depth_camera_info)[0]
         depth = DepthImage(read_depth(options.depth), of_depth)
-    seen = detector.look(image, "bgr8", intrinsics, distortion, options.support_depth, depth=depth)
+    view = image, "bgr8", intrinsics, distortion, options.support_depth
+    seen = detector.look(*view, depth=depth, patience=math.inf)  # a file waits for it
     found = seen.detections
     print(_text(found))
     for line in _remarks(seen):
@@ -113,8 +115,6 @@ def _remarks(seen: Sighting) -> list[str]:
             f"table {1e3 * seen.support_depth_m:.0f} mm below the palm; the camera is tilted {seen.tilt_deg:.1f} deg "
             "against its pose, corrected for"
         )
-    if seen.passed_over:
-        lines.append(f"{seen.passed_over} smaller regions passed over: the time was up")
     return [*lines, seen.remark] if seen.remark else lines
 
 
@@ -124,7 +124,6 @@ def _content(seen: Sighting) -> dict[str, object]:
         "source": seen.source,
         "support_depth_m": seen.support_depth_m,
         "camera_tilt_deg": seen.tilt_deg,
-        "regions_passed_over": seen.passed_over,
         "cpu_s": seen.cpu_s,
         "remark": seen.remark,
         "detections": [_values(each) for each in seen.detections],

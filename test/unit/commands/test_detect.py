@@ -50,13 +50,10 @@ def files(tmp_path, photograph, monkeypatch):
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("photo.png", photograph[0][..., ::-1])
     (tmp_path / "info.yaml").write_text(yaml.safe_dump(calibration()))
-    # With all the time it wants: how long it takes here says nothing.
-    (tmp_path / "patient.yaml").write_text(yaml.safe_dump({**load_yaml("detector.yaml"), "budget_s": 10.0}))
     return tmp_path
 
 
 COMMAND = ["detect", "--image", "photo.png", "--camera-info", "info.yaml", "--support-depth", str(DEPTH_M)]
-COMMAND += ["--detector", "patient.yaml"]
 
 
 def test_an_image_file_becomes_detections_and_an_overlay(files, photograph, capsys):
@@ -72,6 +69,12 @@ def test_an_image_file_becomes_detections_and_an_overlay(files, photograph, caps
     changed = np.argwhere((drawn != given).any(axis=2))
     outline = np.array(ball["contour_px"])[:, ::-1]
     assert (changed.min(axis=0) < outline.max(axis=0)).all() and (changed.max(axis=0) > outline.min(axis=0)).all()
+    assert "sphere" in capsys.readouterr().out
+
+
+def test_a_file_is_looked_at_for_as_long_as_it_takes(files, capsys):
+    (files / "hurried.yaml").write_text(yaml.safe_dump({**load_yaml("detector.yaml"), "budget_s": 1e-6}))
+    assert main([*COMMAND, "--detector", "hurried.yaml"]) == 0
     assert "sphere" in capsys.readouterr().out
 
 
