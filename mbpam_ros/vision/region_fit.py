@@ -163,13 +163,13 @@ class RegionFit:
     @cached_property
     def _under_hand(self) -> NDArray[np.bool_]:
         """Which pixels, (h, w), lie near the palm's axis on the support."""
-        near = np.zeros(self._level.shape, bool)
+        height, width = self._level.shape
+        near = np.zeros((height, width), bool)
         optical = (np.array([0.0, 0.0, self._support]) - self._eye) @ self._rotation
         if optical[2] >= 1e-3:
             u, v = (optical[:2] / optical[2] * self._lens[:2] + self._lens[2:]) / COARSE
             near_px = _NEAR_M * self._lens[0] / optical[2] / COARSE
-            rows, columns = np.arange(near.shape[0])[:, None], np.arange(near.shape[1])
-            near = np.hypot(columns - u, rows - v) <= near_px
+            near = np.hypot(np.arange(width) - u, np.arange(height)[:, None] - v) <= near_px
         return near
 
     def explanations(self, region: Region) -> list[Hypothesis]:

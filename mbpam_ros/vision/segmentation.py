@@ -253,7 +253,8 @@ def union(regions: list[Region]) -> Region:
 def split_by_hue(image: NDArray, region: Region, min_area: float) -> list[Region]:
     """Parts of ``region`` that differ in hue, whatever their shading: an object and its stand, or two objects.
 
-    The parts are the islands of the region's hue histogram. Grey images, and regions of one hue, have none.
+    The parts are the islands of the region's hue histogram, the largest first. Grey images, and regions of one hue,
+    have none.
     """
     if image.shape[2] < 3:
         return []
@@ -270,18 +271,25 @@ def split_by_hue(image: NDArray, region: Region, min_area: float) -> list[Region
         part = np.zeros_like(region.mask)
         part[region.mask] = labels[bins[:, 0], bins[:, 1]] == island
         parts += _within(region, _cleaned(part), max(min_area, _CLUSTER_SHARE * len(pixels)))
-    return parts[:_MOST_PARTS]
+    return sorted(parts, key=lambda part: -part.area)[:_MOST_PARTS]
 
 
 def split_by_edges(image: NDArray, region: Region, min_area: float) -> list[Region]:
-    """Smooth patches of ``region``: parts between which brightness or colour jumps. None if it is one patch."""
+    """Smooth patches of ``region``: parts between which brightness or colour jumps. None if it is one patch.
+
+    What jumps is first what is far from the region's typical slope, then what is half as far: beside corrugated fingers
+    an object is the one smooth patch.
+    """
     gradient = np.zeros(region.mask.shape, dtype=np.float32)
     for channel in cv2.split(image[region.window].astype(np.float32)):
         gx, gy = cv2.Sobel(channel, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(channel, cv2.CV_32F, 0, 1, scale=0.125)
         np.maximum(gradient, cv2.magnitude(gx, gy), out=gradient)
     inner = cv2.erode(region.mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
     typical = float(np.median(gradient[inner])) if inner.any() else 0.0
-    return _grown(region, region.mask & (gradient < max(6.0, 4.0 * typical)), min_area)
+    parts = _grown(region, region.mask & (gradient < max(6.0, 4.0 * typical)), min_area)
+    if parts or 2.0 * typical < 6.0 or region.solidity > _COMPACT:
+        return parts
+    return _grown(region, region.mask & (gradient < 2.0 * typical), min_area, _PATCH_SHARE)
 
 
 def split_by_depth(points_m: NDArray, region: Region, min_area: float) -> list[Region]:
@@ -319,13 +327,17 @@ def without_shadows(relative: NDArray, region: Region, parts: list[Region], min_
 
 _SHADED_BELOW, _COLOURLESS = 124.0, 0.08
 _JUMP_M = 0.012
+_PATCH_SHARE, _COMPACT = 0.7, 0.75
 _MOST_PARTS = 6
 
 
-def _grown(region: Region, whole: NDArray[np.bool_], min_area: float) -> list[Region]:
-    """The connected parts of a mask of the region, a pixel wider each; none if there is one."""
+def _grown(region: Region, whole: NDArray[np.bool_], min_area: float, most_share: float = 0.0) -> list[Region]:
+    """The connected parts of a mask of the region, a pixel wider each; none if there is one.
+
+    One that has no more than ``most_share`` of the region's pixels is a part all the same.
+    """
     parts = _within(region, whole, max(min_area, _CLUSTER_SHARE * region.area))
-    if len(parts) < 2:
+    if not parts or (len(parts) == 1 and parts[0].area > most_share * region.area):
         return []
     kernel = np.ones((3, 3), np.uint8)
     grown = []
