@@ -169,7 +169,7 @@ class RegionFit:
         if optical[2] >= 1e-3:
             u, v = (optical[:2] / optical[2] * self._lens[:2] + self._lens[2:]) / COARSE
             near_px = _NEAR_M * self._lens[0] / optical[2] / COARSE
-            near = np.hypot(np.arange(width) - u, np.arange(height)[:, None] - v) <= near_px
+            near = (np.arange(width) - u) ** 2 + (np.arange(height)[:, None] - v) ** 2 <= near_px**2
         return near
 
     def explanations(self, region: Region) -> list[Hypothesis]:
