@@ -116,8 +116,8 @@ def _falloff(
     coefficients = np.zeros(terms.shape[-1], np.float32)
     scale = 0.0
     samples = []
-    for where, stride in ((frame, _SAMPLE), (known, 5 * _SAMPLE)):
-        picked = np.flatnonzero(where)[::stride]
+    for where in (frame, known):
+        picked = np.flatnonzero(where)[:: _SAMPLE if where is frame else 5 * _SAMPLE]
         samples += [(level.ravel()[picked], terms.reshape(-1, terms.shape[-1])[picked])] * 2
     for values, basis in samples:
         rest = values - basis @ coefficients
