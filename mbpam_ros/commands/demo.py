@@ -27,6 +27,7 @@ from mbpam_ros.commands.recorder import Recorder
 from mbpam_ros.commands.result_arguments import result_file, result_folder
 from mbpam_ros.commands.watcher import Watcher
 from mbpam_ros.configuration import ConfigError
+from mbpam_ros.grasp.holding import Holding
 from mbpam_ros.nodes.interface import NODES
 from mbpam_ros.nodes.message_definitions import definition
 from mbpam_ros.plant.scene import PAPER_SCENES, Scene, load_scene
@@ -50,6 +51,9 @@ RECORDER_LAG_S = 0.2
 
 PATIENCE_S = 10.0
 RETRY_S = 0.25
+CHECK_S = 3.0
+"""For how long the hand is asked again while it does not know whether it holds something: images may come late."""
+
 WATCHED_HZ = 30.0
 
 
@@ -178,7 +182,7 @@ def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) 
     held = rise_m >= HELD_SHARE * height_m
     watcher.snapshot("lifted")
     outcome = "held" if held else "dropped"
-    hand_says = operator.ask(Trigger, "grasp/check")
+    hand_says = _ask_while_unknown(operator)
     watcher.event("grasp/check")
     progress.say(f"{name}: {outcome}, rose {1e3 * rise_m:.0f} of {1e3 * height_m:.0f} mm ({watcher.pace})")
     progress.say(f"{name}: the hand says {hand_says}")
@@ -218,6 +222,16 @@ def _ask_patiently(operator: Operator, service_type: type[Service], name: str) -
             if time.monotonic() > deadline:
                 raise
             _wait(operator, RETRY_S, "the next try")
+
+
+def _ask_while_unknown(operator: Operator) -> str:
+    """Ask the hand, which is up, whether it holds something, until it knows or has had time for some more images."""
+    deadline = time.monotonic() + CHECK_S
+    while True:
+        answer = operator.ask(Trigger, "grasp/check")
+        if not answer.startswith(Holding.UNKNOWN.value) or time.monotonic() > deadline:
+            return answer
+        _wait(operator, RETRY_S, "the next image")
 
 
 def _wait(operator: Operator, duration_s: float, what: str) -> None:

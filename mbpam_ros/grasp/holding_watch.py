@@ -22,7 +22,7 @@ OPEN_BELOW_PA = 5e3
 """Chambers under less hold what straight fingers hold, so that an account of the air can begin."""
 
 _SAME_DIRECTION_RAD = 0.2
-"""An object seen within this angle of where it was, from the palm, is the same one."""
+"""What is seen within this angle of where an object was, from the palm, or within its half width, is the same one."""
 
 
 class HoldingWatch:
@@ -101,7 +101,8 @@ class HoldingWatch:
             return None
         target = self._target
         sure = (item for item in objects if item.confidence >= self._confidence_min)
-        there = [_size_rad(item) for item in sure if _angle_rad(item, target) < _SAME_DIRECTION_RAD]
+        within_rad = max(_SAME_DIRECTION_RAD, 0.5 * _size_rad(target))
+        there = [_size_rad(item) for item in sure if _angle_rad(item, target) < within_rad]
         return max(there) / _size_rad(target) if there else None
 
 

@@ -16,9 +16,9 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -518,11 +518,39 @@ class _View:
         return self._mask.of(np.empty((0, 2, 3)) if fingers_m is None else fingers_m)
 
 
-class _Look(NamedTuple):
-    """Masks of where objects may be, and what explains their regions."""
+class _Look:
+    """Masks of where objects may be, and what explains their regions.
 
-    fit: RegionFit
-    masks: Masks
+    Args:
+        fit: explains regions.
+        masks: of where objects may be.
+        min_area: smaller regions are none, in pixels of the masks.
+    """
+
+    def __init__(self, fit: RegionFit, masks: Masks, min_area: float) -> None:
+        self.fit, self.masks, self._min_area = fit, masks, min_area
+
+    def sure(self, aside: bool) -> list[Region]:
+        """The regions that surely show an object, of those aside of the hand or of the others, the largest first."""
+        return self._sure[aside]
+
+    def with_shadow(self, aside: bool) -> list[Region]:
+        """Likewise with what may be shadow, where that makes a difference."""
+        return self._with_shadow[aside]
+
+    @cached_property
+    def _sure(self) -> tuple[list[Region], list[Region]]:
+        return self._parted(self.masks.sure)
+
+    @cached_property
+    def _with_shadow(self) -> tuple[list[Region], list[Region]]:
+        return ([], []) if self.masks.with_shadow is self.masks.sure else self._parted(self.masks.with_shadow)
+
+    def _parted(self, mask: NDArray[np.bool_]) -> tuple[list[Region], list[Region]]:
+        parted: tuple[list[Region], list[Region]] = ([], [])
+        for region in connected_regions(mask, self._min_area):
+            parted[self.fit.is_aside(region)].append(region)
+        return parted
 
 
 class _Search:
@@ -549,9 +577,9 @@ class _Search:
         second_masks: Callable[[], Masks] | None = None,
     ) -> None:
         self._config, self._coarse = config, coarse
-        self._first, self._second_masks = _Look(fit, masks), second_masks
-        self._weights = config.confidence[source]
         self._min_area = config.segmentation.min_area_px / COARSE**2
+        self._first, self._second_masks = _Look(fit, masks, self._min_area), second_masks
+        self._weights = config.confidence[source]
         self._ends_s = ends_s
         self.passed_over = 0
         self.weighed: list[tuple[Hypothesis, ...]] = []
@@ -565,7 +593,7 @@ class _Search:
             if self._second_masks is not None and self._leaves_some(first, aside, found):
                 if second is None:
                     masks = self._second_masks()
-                    second = _Look(first.fit.with_foreground(masks.sure), masks)
+                    second = _Look(first.fit.with_foreground(masks.sure), masks, self._min_area)
                 differing = first.masks.with_shadow
                 others = [region for region in self._regions(second, aside) if _share_within(region, differing) > 0.5]
                 self._look_at(second, others, found)
@@ -588,8 +616,7 @@ class _Search:
 
     def _leaves_some(self, look: _Look, aside: bool, found: list[Hypothesis]) -> bool:
         """Whether a region there that surely shows an object has no good explanation, and there is time to seek it."""
-        regions = self._connected(look, look.masks.sure, aside)
-        unexplained = sum(not any(_explains(item, region) for item in found) for region in regions)
+        unexplained = sum(not any(_explains(item, region) for item in found) for region in look.sure(aside))
         if time.thread_time() > self._ends_s:
             self.passed_over = max(self.passed_over, unexplained)
             return False
@@ -597,17 +624,13 @@ class _Search:
 
     def _regions(self, look: _Look, aside: bool) -> list[Region]:
         """What may be objects: what a finger may have cut apart, then the largest first, then regions with shadows."""
-        sure = self._connected(look, look.masks.sure, aside)
-        others = []
-        if look.masks.with_shadow is not look.masks.sure:
-            for region in self._connected(look, look.masks.with_shadow, aside):
-                if all(region.shared(known) < _ALIKE * region.area for known in sure):
-                    others.append(region)
+        sure = look.sure(aside)
+        others = [
+            region
+            for region in look.with_shadow(aside)
+            if all(region.shared(known) < _ALIKE * region.area for known in sure)
+        ]
         return [*_severed(sure, look.fit.hidden), *sure, *others]
-
-    def _connected(self, look: _Look, mask: NDArray[np.bool_], aside: bool) -> list[Region]:
-        """The connected parts of a mask that lie aside of the hand, or those that do not, the largest first."""
-        return [region for region in connected_regions(mask, self._min_area) if look.fit.is_aside(region) == aside]
 
     def _explain(self, look: _Look, region: Region) -> list[Hypothesis]:
         """The likeliest primitive for the region as a whole or, if none is likely, also those for its parts."""

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbpam_ros.vision.camera import Camera
+from mbpam_ros.vision.finger_kernel import SUBPIXELS, bent, outlined
 
 _CORNERS = 12
-_NEAREST = 0.05  # of a ray's direction along the axis: farther than 87 deg off it no image reaches
-_SUBPIXEL_BITS = 4
+_SUBPIXEL_BITS = round(math.log2(SUBPIXELS))
 _PIECE_M = 0.02
 _LONGEST_STRIDE_M = 0.04  # of a tip from posture to posture
 
@@ -40,6 +40,7 @@ class FingerMask:
         turns = (np.arange(_CORNERS) + 0.5) * (2.0 * math.pi / _CORNERS)
         # About the circle, not in it.
         self._circle = np.stack([np.cos(turns), np.sin(turns)], axis=1) / math.cos(math.pi / _CORNERS)
+        self._lens = np.array([k.fx, k.fy, k.cx, k.cy])
         self._fingers_m = np.empty((0, 2, 3))
         self._mask = np.zeros(self._shape, np.uint8)
 
@@ -69,35 +70,17 @@ class FingerMask:
 
     def _outlines(self, centres: NDArray[np.float64]) -> NDArray[np.int32]:
         """Corners, (..., _CORNERS, 2), about what balls at these places, (..., 3), of the optical frame hide."""
-        distance = np.maximum(np.linalg.norm(centres, axis=-1), 1e-9)[..., None]
-        sine = np.minimum(self._radius_m / distance, 0.999)
-        toward = centres / distance
-        x, y, z = np.moveaxis(toward, -1, 0)
-        # Two directions at right angles to it (Duff et al., 2017).
-        sign = np.where(z < 0.0, -1.0, 1.0)
-        a = -1.0 / (sign + z)
-        b = x * y * a
-        across = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
-        along = np.stack([b, sign + y * y * a, -y], axis=-1)
-        circle = self._circle[:, :1] * across[..., None, :] + self._circle[:, 1:] * along[..., None, :]
-        rays = (np.sqrt(1.0 - sine**2) * toward)[..., None, :] + sine[..., None] * circle
-        k = self._camera.intrinsics
-        pixels = rays[..., :2] / np.maximum(rays[..., 2:], _NEAREST) * (k.fx, k.fy) + (k.cx, k.cy)
-        coarse = (pixels - 0.5 * (self._stride - 1)) / self._stride
-        return np.round(coarse * 2**_SUBPIXEL_BITS).astype(np.int32)
+        corners = np.empty((*centres.shape[:-1], _CORNERS, 2), np.int32)
+        flat_m, flat = np.ascontiguousarray(centres).reshape(-1, 3), corners.reshape(-1, _CORNERS, 2)
+        outlined(flat_m, self._radius_m, self._circle, self._lens, self._stride, flat)
+        return corners
 
 
 def bent_by(fingers_m: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return centre lines, (p, k, n, 3), bent by shares, (p,), of what (k, n, 3) are; at 0 they hang along z."""
-    steps = np.diff(fingers_m, axis=1)
-    lengths = np.linalg.norm(steps, axis=2)
-    aside = np.hypot(steps[..., 0], steps[..., 1])
-    angle = shares[:, None, None] * np.arctan2(aside, steps[..., 2])
-    aside_share = np.sin(angle) / np.maximum(aside, 1e-12)
-    bent = np.stack([aside_share * steps[..., 0], aside_share * steps[..., 1], np.cos(angle)], axis=-1)
-    way = np.zeros((len(shares), *fingers_m.shape))
-    np.cumsum(lengths[..., None] * bent, axis=2, out=way[:, :, 1:])
-    return fingers_m[:, :1] + way
+    bent_m = np.empty((len(shares), *fingers_m.shape))
+    bent(np.ascontiguousarray(fingers_m, dtype=float), np.ascontiguousarray(shares, dtype=float), bent_m)
+    return bent_m
 
 
 def _in_short_pieces(fingers_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -158,13 +158,19 @@ class RegionFit:
 
     def is_aside(self, region: Region) -> bool:
         """Whether a region lies so far beside the palm's axis that what it shows cannot be grasped as it lies."""
+        return not bool((self._under_hand[region.window] & region.mask).any())
+
+    @cached_property
+    def _under_hand(self) -> NDArray[np.bool_]:
+        """Which pixels, (h, w), lie near the palm's axis on the support."""
+        height, width = self._level.shape
+        near = np.zeros((height, width), bool)
         optical = (np.array([0.0, 0.0, self._support]) - self._eye) @ self._rotation
-        if optical[2] < 1e-3:
-            return True
-        u, v = (optical[:2] / optical[2] * self._lens[:2] + self._lens[2:]) / COARSE
-        near_px = _NEAR_M * self._lens[0] / optical[2] / COARSE
-        rows, columns = np.nonzero(region.mask)
-        return bool(np.hypot(columns + region.left - u, rows + region.top - v).min() > near_px)
+        if optical[2] >= 1e-3:
+            u, v = (optical[:2] / optical[2] * self._lens[:2] + self._lens[2:]) / COARSE
+            near_px = _NEAR_M * self._lens[0] / optical[2] / COARSE
+            near = (np.arange(width) - u) ** 2 + (np.arange(height)[:, None] - v) ** 2 <= near_px**2
+        return near
 
     def explanations(self, region: Region) -> list[Hypothesis]:
         """Return the best primitive of each family for a region, in no order."""

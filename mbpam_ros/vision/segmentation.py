@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from mbpam_ros.configuration import require_positive
 from mbpam_ros.vision.background import Masks
+from mbpam_ros.vision.colour_kernel import HUE_BINS, LEVEL_BINS, LEVEL_SPAN, binned, blurred, counted, voted
 
 _RING = 0.08
 """Width of the frame along the image's border that is taken for table, as a share of the image."""
 _SAMPLE = 13
 _SECTORS, _LEAST_SECTOR_SHARE = 32, 0.35
-_LEVEL_BINS, _HUE_BINS = 40, 28
-_LEVEL_SPAN, _HUE_SPAN = (-2.2, 1.2), (-1.0, 1.0)
 _OFFSET = 6.0
 _SMOOTH = (9, 9)
 _TEXTURE = (9, 9)
@@ -74,7 +73,7 @@ def foreground(image: NDArray[np.uint8], known: NDArray[np.bool_], config: Segme
     """
     height, width, channels = image.shape
     ring, sectors, terms = _geometry(height, width)
-    logs = _log_table()[image]
+    logs = np.asarray(cv2.LUT(image, _log_table()), np.float32).reshape(image.shape)
     level = np.asarray(
         logs[..., 0] if channels == 1 else cv2.transform(logs, np.full((1, 3), 1.0 / 3.0, np.float32)), np.float32
     )
@@ -85,27 +84,22 @@ def foreground(image: NDArray[np.uint8], known: NDArray[np.bool_], config: Segme
         nothing = np.zeros((height, width), bool)
         return Masks(nothing, nothing)
     level = level - _falloff(level, frame, known, terms)
-    hues = (logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]) if channels == 3 else (0.0 * level, 0.0 * level)
-    index = _binned(level, *_LEVEL_SPAN, _LEVEL_BINS)
-    index = (index * _HUE_BINS + _binned(hues[0], *_HUE_SPAN, _HUE_BINS)) * _HUE_BINS
-    index += _binned(hues[1], *_HUE_SPAN, _HUE_BINS)
+    index = np.empty((height, width), np.int32)
+    binned(logs, level, index)
     # An object that reaches into the frame has its colours in one place, the table has them all around.
-    bins = _LEVEL_BINS * _HUE_BINS**2
-    pairs = np.zeros(bins * _SECTORS, bool)
-    pairs[index[frame] * _SECTORS + sectors[frame]] = True
-    places = np.flatnonzero(pairs)
-    least = max(_LEAST_SECTOR_SHARE * float(np.count_nonzero(np.bincount(places % _SECTORS))), 3.0)
-    everywhere = np.bincount(places // _SECTORS, minlength=bins) >= least
-    counts = (np.bincount(index[frame], minlength=bins) * everywhere).astype(np.float32)
-    histogram = _blurred(counts.reshape(_LEVEL_BINS, _HUE_BINS, _HUE_BINS)) / float(frame.sum())
+    bins = LEVEL_BINS * HUE_BINS**2
+    counts, spread = np.zeros(bins, np.int64), np.zeros(bins, np.int64)
+    counted(index, frame, sectors, np.zeros((bins, _SECTORS), bool), counts, spread)
+    least = max(_LEAST_SECTOR_SHARE * float(np.count_nonzero(np.bincount(sectors[frame]))), 3.0)
+    of_table = (counts * (spread >= least)).astype(np.float32)
+    histogram = _blurred(of_table.reshape(LEVEL_BINS, HUE_BINS, HUE_BINS)) / float(frame.sum())
     shadowed = _with_shadows(histogram, config.shadow_ratio)
-    strange = (histogram < config.rarity).ravel()[index].astype(np.float32)
-    stranger = (shadowed < config.rarity).ravel()[index].astype(np.float32)
-    masks = []
-    for votes in (stranger, strange):
-        share = cv2.blur(votes * known, _SMOOTH) / np.maximum(cv2.blur(known.astype(np.float32), _SMOOTH), 0.05)
-        masks.append((share > config.majority) & known)
-    smooth = _smooth_where_table_is_not(level.astype(np.float32), frame, known)
+    votes = np.empty((height, width, 3), np.float32)
+    voted(index, known, (shadowed < config.rarity).ravel(), (histogram < config.rarity).ravel(), votes)
+    stranger, strange, about = cv2.split(cv2.blur(votes, _SMOOTH))
+    about = np.maximum(about, 0.05)
+    masks = [(share / about > config.majority) & known for share in (stranger, strange)]
+    smooth = _smooth_where_table_is_not(level, frame, known)
     sure = masks[0] | (smooth & masks[1])
     return Masks(_cleaned(sure), _cleaned(masks[1] | sure))
 
@@ -121,9 +115,11 @@ def _falloff(
     """The slow part of the table's brightness: a quadric through the frame's pixels, then all that are near it."""
     coefficients = np.zeros(terms.shape[-1], np.float32)
     scale = 0.0
-    for where in (frame, frame, known, known):
+    samples = []
+    for where in (frame, known):
         picked = np.flatnonzero(where)[:: _SAMPLE if where is frame else 5 * _SAMPLE]
-        values, basis = level.ravel()[picked], terms.reshape(-1, terms.shape[-1])[picked]
+        samples += [(level.ravel()[picked], terms.reshape(-1, terms.shape[-1])[picked])] * 2
+    for values, basis in samples:
         rest = values - basis @ coefficients
         if scale > 0.0:
             weights = (1.0 / (1.0 + (rest / (2.0 * scale)) ** 2)).astype(np.float32)
@@ -136,23 +132,17 @@ def _falloff(
     return (terms @ coefficients).astype(np.float32)
 
 
-def _binned(values: NDArray, low: float, high: float, count: int) -> NDArray[np.int32]:
-    scaled = (values - low) * (count / (high - low))
-    return np.clip(scaled, 0, count - 1).astype(np.int32)
-
-
 def _blurred(histogram: NDArray[np.float32]) -> NDArray[np.float32]:
     """Spread over the neighbouring bins, as noise and the blur between two colours do."""
-    for axis in range(3):
-        padded = np.pad(histogram, [(1, 1) if i == axis else (0, 0) for i in range(3)])
-        parts = [np.take(padded, np.arange(k, k + histogram.shape[axis]), axis=axis) for k in range(3)]
-        histogram = 0.25 * parts[0] + 0.5 * parts[1] + 0.25 * parts[2]
+    for _ in range(3):
+        histogram, before = np.empty((histogram.shape[2], *histogram.shape[:2]), np.float32), histogram
+        blurred(before, histogram)
     return histogram
 
 
 def _with_shadows(histogram: NDArray[np.float32], ratio: float) -> NDArray[np.float32]:
     """Each bin holds the most of its own and of those brighter ones whose shadow it may be."""
-    steps = int(np.ceil(-np.log(ratio) * _LEVEL_BINS / (_LEVEL_SPAN[1] - _LEVEL_SPAN[0])))
+    steps = int(np.ceil(-np.log(ratio) * LEVEL_BINS / (LEVEL_SPAN[1] - LEVEL_SPAN[0])))
     result = histogram.copy()
     for k in range(1, steps + 1):
         np.maximum(result[:-k], histogram[k:], out=result[:-k])
@@ -164,10 +154,11 @@ def _smooth_where_table_is_not(
 ) -> NDArray[np.bool_]:
     """Where the texture is far weaker than anywhere on the table; nowhere if the table itself is smooth."""
     mean, square = cv2.blur(level, _TEXTURE), cv2.blur(level * level, _TEXTURE)
-    texture = np.sqrt(np.maximum(square - mean * mean, 0.0))
-    least = float(np.quantile(texture[frame][::_SAMPLE], 0.03))
+    variance = np.maximum(square - mean * mean, 0.0)
+    least = float(np.quantile(np.sqrt(variance[frame][::_SAMPLE]), 0.03))
     if least < 0.035:
         return np.zeros(level.shape, bool)
+    texture = np.sqrt(variance)
     smooth = (texture < 0.6 * least) & known
     return cv2.dilate(smooth.astype(np.uint8), np.ones((7, 7), np.uint8)).astype(bool)
 
@@ -204,9 +195,11 @@ class Region:
     @property
     def solidity(self) -> float:
         """Its share of its convex hull: near 1 for what is seen of a convex solid."""
-        v, u = np.nonzero(self.mask)
-        hull = cv2.convexHull(np.column_stack([u, v]).astype(np.int32))
-        return self.area / max(float(cv2.contourArea(hull)), 1.0)
+        rows = np.flatnonzero(self.mask.any(axis=1))
+        of_rows = self.mask[rows]
+        first, last = of_rows.argmax(axis=1), of_rows.shape[1] - 1 - of_rows[:, ::-1].argmax(axis=1)
+        ends = np.column_stack([np.concatenate([first, last]), np.concatenate([rows, rows])])
+        return self.area / max(float(cv2.contourArea(cv2.convexHull(ends.astype(np.int32)))), 1.0)
 
     def shared(self, other: Region) -> int:
         """Pixels that both have."""
@@ -260,7 +253,8 @@ def union(regions: list[Region]) -> Region:
 def split_by_hue(image: NDArray, region: Region, min_area: float) -> list[Region]:
     """Parts of ``region`` that differ in hue, whatever their shading: an object and its stand, or two objects.
 
-    The parts are the islands of the region's hue histogram. Grey images, and regions of one hue, have none.
+    The parts are the islands of the region's hue histogram, the largest first. Grey images, and regions of one hue,
+    have none.
     """
     if image.shape[2] < 3:
         return []
@@ -277,18 +271,25 @@ def split_by_hue(image: NDArray, region: Region, min_area: float) -> list[Region
         part = np.zeros_like(region.mask)
         part[region.mask] = labels[bins[:, 0], bins[:, 1]] == island
         parts += _within(region, _cleaned(part), max(min_area, _CLUSTER_SHARE * len(pixels)))
-    return parts[:_MOST_PARTS]
+    return sorted(parts, key=lambda part: -part.area)[:_MOST_PARTS]
 
 
 def split_by_edges(image: NDArray, region: Region, min_area: float) -> list[Region]:
-    """Smooth patches of ``region``: parts between which brightness or colour jumps. None if it is one patch."""
+    """Smooth patches of ``region``: parts between which brightness or colour jumps. None if it is one patch.
+
+    What jumps is first what is far from the region's typical slope, then what is half as far: beside corrugated fingers
+    an object is the one smooth patch.
+    """
     gradient = np.zeros(region.mask.shape, dtype=np.float32)
     for channel in cv2.split(image[region.window].astype(np.float32)):
         gx, gy = cv2.Sobel(channel, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(channel, cv2.CV_32F, 0, 1, scale=0.125)
         np.maximum(gradient, cv2.magnitude(gx, gy), out=gradient)
     inner = cv2.erode(region.mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
     typical = float(np.median(gradient[inner])) if inner.any() else 0.0
-    return _grown(region, region.mask & (gradient < max(6.0, 4.0 * typical)), min_area)
+    parts = _grown(region, region.mask & (gradient < max(6.0, 4.0 * typical)), min_area)
+    if parts or 2.0 * typical < 6.0 or region.solidity > _COMPACT:
+        return parts
+    return _grown(region, region.mask & (gradient < 2.0 * typical), min_area, _PATCH_SHARE)
 
 
 def split_by_depth(points_m: NDArray, region: Region, min_area: float) -> list[Region]:
@@ -326,13 +327,17 @@ def without_shadows(relative: NDArray, region: Region, parts: list[Region], min_
 
 _SHADED_BELOW, _COLOURLESS = 124.0, 0.08
 _JUMP_M = 0.012
+_PATCH_SHARE, _COMPACT = 0.7, 0.75
 _MOST_PARTS = 6
 
 
-def _grown(region: Region, whole: NDArray[np.bool_], min_area: float) -> list[Region]:
-    """The connected parts of a mask of the region, a pixel wider each; none if there is one."""
+def _grown(region: Region, whole: NDArray[np.bool_], min_area: float, most_share: float = 0.0) -> list[Region]:
+    """The connected parts of a mask of the region, a pixel wider each; none if there is one.
+
+    One that has no more than ``most_share`` of the region's pixels is a part all the same.
+    """
     parts = _within(region, whole, max(min_area, _CLUSTER_SHARE * region.area))
-    if len(parts) < 2:
+    if not parts or (len(parts) == 1 and parts[0].area > most_share * region.area):
         return []
     kernel = np.ones((3, 3), np.uint8)
     grown = []

@@ -145,6 +145,29 @@ def test_a_fault_ends_the_grasp_at_once_with_its_reason(monkeypatch, tmp_path):
         demo.grasp("bulb", load_scene("bulb")[0], "rod", tmp_path, Progress())
 
 
+@pytest.mark.parametrize(
+    ("answers", "said"),
+    [
+        (["held: 98%"], "held: 98%"),
+        (["unknown: 50% that something is held, by no sense", "unknown: 22%", "empty: 3%"], "empty: 3%"),
+    ],
+)
+def test_the_hand_is_asked_again_until_an_image_has_told_it_whether_it_holds_something(monkeypatch, answers, said):
+    told = iter(answers)
+    operator = types.SimpleNamespace(ask=lambda *_: next(told))
+    monkeypatch.setattr(demo, "_wait", lambda *_: None)
+    assert demo._ask_while_unknown(operator) == said
+    assert list(told) == []
+
+
+def test_a_hand_that_does_not_get_to_know_is_believed_in_the_end(monkeypatch):
+    now = iter(range(100))
+    monkeypatch.setattr(demo.time, "monotonic", lambda: next(now))
+    monkeypatch.setattr(demo, "_wait", lambda *_: None)
+    assert demo._ask_while_unknown(types.SimpleNamespace(ask=lambda *_: "unknown: 22%")) == "unknown: 22%"
+    assert next(now) - 1 > demo.CHECK_S
+
+
 def test_the_plant_gets_the_scene_s_file_as_it_was_given(monkeypatch, tmp_path):
     given = {}
 

@@ -106,6 +106,7 @@ def at(x_m, z_m, size_m=0.06):
         ([at(0.005, 0.085)], 1.0),
         ([at(0.01, 0.185)], 0.46),
         ([at(0.005, 0.085, 0.03)], 0.5),
+        ([at(0.03, 0.085)], 0.95),
         ([at(0.06, 0.085)], None),
         ([], None),
         ([at(0.005, 0.185), at(0.005, 0.08)], 1.06),
@@ -115,6 +116,13 @@ def at(x_m, z_m, size_m=0.06):
 def test_what_shows_in_the_objects_direction_is_compared_with_its_size_there(seen, ratio):
     found = watch().size_ratio(seen)
     assert found is None if ratio is None else found == pytest.approx(ratio, abs=0.01)
+
+
+def test_beside_a_slim_object_less_is_taken_for_it_than_beside_a_wide_one():
+    slim = dataclasses.replace(BULB, shape="cylinder", size_m=(0.02, 0.02, 0.2))
+    aside = dataclasses.replace(slim, position_m=(0.03, 0.0, 0.085))
+    assert watch(target=slim).size_ratio([slim]) == pytest.approx(1.0)
+    assert watch(target=slim).size_ratio([aside]) is None
 
 
 def test_of_what_an_operators_mode_closes_upon_the_camera_knows_nothing():

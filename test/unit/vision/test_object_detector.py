@@ -190,6 +190,17 @@ def test_bent_fingers_are_looked_past_when_their_shape_is_given(detector):
     assert_is(found, tube)
 
 
+def test_a_tube_of_the_fingers_colour_is_parted_from_fingers_that_hold_it_and_are_not_told_of(detector):
+    tube = standing(*OBJECTS["aluminium tube"], yaw=0.14, depth=0.08)
+    angle, azimuth = np.radians(40.0) * np.linspace(0.0, 1.0, 14), np.radians([135.0, 315.0, 315.0, 135.0])
+    aside, down = (GRIPPER.geometry.length_m / angle[-1] * part for part in (1.0 - np.cos(angle), np.sin(angle)))
+    arcs = [np.outer(np.cos(azimuth), aside), np.outer(np.sin(azimuth), aside), np.tile(down, (4, 1))]
+    image = photograph(tube, depth=0.18, fingers=GRIPPER.finger_base_m[:, None] + np.stack(arcs, axis=-1))
+    (found,) = look(detector, image, depth=0.08)
+    assert_is(found, tube, 0.14)
+    assert found.confidence > USED_FROM
+
+
 def test_a_distorting_lens_is_undone(detector):
     lens = np.array([-0.03, 0.004, 0.0, 0.0, 0.0])
     bulb = standing(*OBJECTS["bulb"], x=-0.02, y=0.05)
