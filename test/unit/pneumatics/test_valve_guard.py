@@ -316,3 +316,50 @@ def test_a_finding_is_read_back_from_its_line():
     for channel, line in ((CHANNEL_NAMES[3], "all is well"), ("finger_9", str(finding)), (SUPPLY, "rust (10 %): x")):
         with pytest.raises(FindingError):
             Finding.parse(channel, line)
+
+
+ORIFICES = dataclasses.replace(CONFIG, model="iso6358")
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "fault", "channels", "within_s"),
+    [
+        ("reads_offset", 6e3, Fault.JUMPED, ONE, 0.1),
+        ("reads_offset", -6e3, Fault.JUMPED, ONE, 0.1),
+        ("leaks_in", 4.0, Fault.LEAKS_IN, ONE, 3.0),
+        ("valve_slow", 0.14, Fault.NOT_FOLLOWING, ONE, 5.0),
+        ("drift", -1.35e3, Fault.DRIFT, ONE, 10.0),
+    ],
+)
+def test_with_orifices_a_held_grasp_is_watched_as_closely_and_no_chamber_goes_far_above(
+    kind, size, fault, channels, within_s
+):
+    rig = Rig(ORIFICES, assumed="iso6358")
+    rig.aim(GRIP)
+    rig.run(5.0)
+    rig.inject(kind, size)
+    rig.run(within_s, until=lambda: (fault, channels) in rig.found)
+    assert rig.found == {(fault, channels)}
+    rig.run(5.0)
+    assert rig.highest_pa < 112.2e3
+
+
+@pytest.mark.parametrize("left", [0.1, 0.5])
+def test_a_tank_that_is_no_longer_filled_shows_in_test_pulses_before_it_wants(left):
+    rig = Rig(ORIFICES, assumed="iso6358")
+    rig.inject("supply", left)
+    rig.aim(GRIP)
+    rig.run(8.0, until=lambda: rig.found)
+    assert rig.found == {(Fault.SUPPLY_LOW, (SUPPLY,))}
+    assert rig.pressure_pa[CHANNEL] == pytest.approx(100e3, abs=2e3)
+
+
+def test_pulses_that_something_else_moves_say_nothing_of_the_supply():
+    rig = Rig(ORIFICES, assumed="iso6358")
+    rig.aim(GRIP)
+    rig.run(5.0)
+    for _ in range(6):
+        bending(rig, over_s=0.3, to_rad=math.radians(12.0))
+        bending(rig, over_s=0.3, to_rad=0.0)
+        rig.run(1.0)
+    assert not rig.found
