@@ -781,6 +781,10 @@ class Observer:
         for channel in np.flatnonzero(over):
             moved = float(self._unexplained_pa[channel])
             self._withdraw(np.arange(CHANNEL_COUNT) == channel, Fault.LEAK_OR_DRIFT)
+            rate_pa_s = moved / max(self._time_s - float(self._explained_at_s[channel]), _NOMINAL_TICK_S)
+            if abs(rate_pa_s) > config.drift_limit_pa_s:  # no transducer drifts so fast
+                self._find_slow(int(channel), -rate_pa_s, "by the air that was moved for it")
+                continue
             evidence = f"{1e-3 * moved:+.1f} kPa of air moved to keep a reading that no one can vouch for"
             self._find(Fault.DRIFT if moved > 0.0 else Fault.RISES, (int(channel),), evidence, 0.5)
 
