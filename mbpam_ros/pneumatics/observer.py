@@ -55,6 +55,8 @@ _DOUBT_S = 0.5
 _GREATEST_LEAK_1_S = 2.0
 _NOMINAL_TICK_S = 0.01
 _SLOW_TICKS = 5
+_SPLIT_TICKS = 4
+"""Looks in which a valve's law and a reading that lags it come to agree."""
 _SOUND_SHARE = 0.66
 """Of the air counted, which a valve has let through at least where the law assumed of it is not a lasting one."""
 _BEND_TIME_S = 0.15
@@ -149,6 +151,11 @@ _COMMANDS_KEPT = 3
 """As many ticks as a command takes to show."""
 
 
+def _nearer_zero(first: Vector, second: Vector) -> Vector:
+    """Return the one of each pair of the same sign that is nearer to zero."""
+    return np.where(np.abs(first) < np.abs(second), first, second)
+
+
 def _mask_of(channels: Collection[int]) -> Mask:
     if not channels:
         return _NONE
@@ -240,7 +247,8 @@ class Observer:
         self._slope = _Slopes()
         self._forget_effort()
         self._in_vain_pa = np.zeros(n)
-        self._unexplained_pa, self._explained_at_s = np.zeros(n), np.full(n, -math.inf)
+        self._unexplained_pa, self._bends_pa, self._hidden_pa = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._explained_at_s = np.full(n, -math.inf)
         self._added_pa, self._unseen = np.zeros(n), True
 
     @property
@@ -689,7 +697,7 @@ class Observer:
         if self._ticks % _SLOW_TICKS != 0:
             return
         settled = self._time_s > self._settled_at_s
-        self._judge_unexplained(course, settled)
+        self._judge_unexplained(settled)
         counts = (self._closed_ticks >= READINGS_KEPT) & settled & ~self._known
         moved = np.where(counts, self._readings[-1] - self._readings[-1 - _SLOW_TICKS], 0.0)
         allowed = config.slow_rate_pa_s * _SLOW_TICKS * course.dt_s * counts
@@ -714,10 +722,10 @@ class Observer:
 
     def _name_slow(self, channel: int) -> None:
         rate_pa_s = self._slope.rate(channel)
-        moved_pa = self._unexplained_pa[channel]
+        moved_pa, bent_pa = self._unexplained_pa[channel], self._bends_pa[channel]
         self._find_slow(channel, rate_pa_s, "with its valve closed")
         self._forget_slow(np.arange(CHANNEL_COUNT) == channel)
-        self._unexplained_pa[channel] = moved_pa
+        self._unexplained_pa[channel], self._bends_pa[channel] = moved_pa, bent_pa
 
     def _judge_effort(self, course: _Course) -> None:
         """Compare what valves had to add with what came of it, a second at a time."""
@@ -753,40 +761,58 @@ class Observer:
         self._effort_pa, self._effort_s = np.zeros(CHANNEL_COUNT), 0.0
         self._effort_from_pa = np.full(CHANNEL_COUNT, np.nan)
 
-    def _judge_unexplained(self, course: _Course, settled: Mask) -> None:
+    def _judge_unexplained(self, settled: Mask) -> None:
         """End what no one can vouch for once a good deal of air was moved, and the reading shows none of it.
 
         Air that went in, less what the reading rose, is what has leaked, what a bend made room for, or what a drifting
-        transducer does not show: leaks within the data sheet are taken off until a leak or drift is known, and a bend
-        is left what it can take. So a chamber whose reading falls is never filled far beyond its set-point.
+        transducer does not show. No transducer drifts faster than ``drift_limit_pa_s``: what goes faster, over
+        :data:`_SPLIT_TICKS` looks, is a bend's, as long as a bend has room for it, and is given back against what moves
+        the other way. Leaks within the data sheet are taken off the rest until a leak or drift is known, and a bend as
+        slow as a drift is left what it can take. So a chamber whose reading falls is never filled far beyond its
+        set-point.
         """
-        config = self._config
+        config, look_s = self._config, _SLOW_TICKS * self._interval_s
         suspects = self.channels(Fault.LEAK_OR_DRIFT)
-        counts = settled & course.valid & (suspects | self._unnamed)
-        sound_pa = config.slow_rate_pa_s * _SLOW_TICKS * course.dt_s / (1.0 if self._valve.lasting else _SOUND_SHARE)
-        moved_pa = self._unexplained_pa
         if not self._unseen:
             shown_pa = self._readings[-1] - self._readings[-1 - _SLOW_TICKS]
-            moved_pa = moved_pa + np.where(np.isfinite(shown_pa), self._added_pa - shown_pa, 0.0)
+            self._hidden_pa += np.where(np.isfinite(shown_pa), self._added_pa - shown_pa, 0.0)
         self._added_pa, self._unseen = np.zeros(CHANNEL_COUNT), False
-        sound = np.copysign(np.minimum(np.abs(moved_pa), np.where(suspects, 0.0, sound_pa)), moved_pa)
-        self._unexplained_pa = np.where(counts, moved_pa - sound, 0.0)
-        limit = np.where(suspects, 0.0, 1500.0 + 8.0 * self._sigma_pa + self._bent_pa)
-        moved_pa = np.abs(self._unexplained_pa)
+        counts = settled & self.read & (suspects | self._unnamed)
+        if not counts.all():
+            for sums in (self._hidden_pa, self._unexplained_pa, self._bends_pa):
+                sums[~counts] = 0.0
+        if self._ticks % (_SPLIT_TICKS * _SLOW_TICKS) != 0:
+            return
+        passed_s = _SPLIT_TICKS * look_s
+        slow_pa, room_pa = config.drift_limit_pa_s * passed_s, self._bent_pa
+        drifted_pa = np.clip(self._hidden_pa, -slow_pa, slow_pa)
+        bent_pa = self._bends_pa + self._hidden_pa - drifted_pa
+        drifted_pa = drifted_pa + self._unexplained_pa
+        self._hidden_pa = np.zeros(CHANNEL_COUNT)
+        self._bends_pa = np.clip(bent_pa, -room_pa, room_pa)
+        drifted_pa += bent_pa - self._bends_pa
+        back_pa = np.where(drifted_pa * self._bends_pa < 0.0, _nearer_zero(drifted_pa, -self._bends_pa), 0.0)
+        self._bends_pa += back_pa
+        drifted_pa -= back_pa
+        sound_pa = config.slow_rate_pa_s * passed_s / (1.0 if self._valve.lasting else _SOUND_SHARE)
+        drifted_pa -= np.clip(drifted_pa, -sound_pa, sound_pa) * ~suspects
+        self._unexplained_pa = drifted_pa
+        moved_pa = np.abs(drifted_pa)
         self._explained_at_s[moved_pa < 1e3] = self._time_s
-        # What moves faster than a transducer drifts is left to the other sums for as long as that would take.
-        limit = np.maximum(config.unexplained_limit_pa, limit)
-        slow_s = np.where(suspects, 0.0, limit / config.drift_limit_pa_s)
-        over = (moved_pa > limit) & (self._time_s - self._explained_at_s > slow_s)
-        for channel in np.flatnonzero(over):
-            moved = float(self._unexplained_pa[channel])
-            self._withdraw(np.arange(CHANNEL_COUNT) == channel, Fault.LEAK_OR_DRIFT)
-            rate_pa_s = moved / max(self._time_s - float(self._explained_at_s[channel]), _NOMINAL_TICK_S)
-            if abs(rate_pa_s) > config.drift_limit_pa_s:  # no transducer drifts so fast
-                self._find_slow(int(channel), -rate_pa_s, "by the air that was moved for it")
-                continue
-            evidence = f"{1e-3 * moved:+.1f} kPa of air moved to keep a reading that no one can vouch for"
-            self._find(Fault.DRIFT if moved > 0.0 else Fault.RISES, (int(channel),), evidence, 0.5)
+        limit_pa = np.where(suspects, 0.0, 1500.0 + 8.0 * self._sigma_pa + self._bent_pa)
+        for channel in np.flatnonzero(moved_pa > np.maximum(config.unexplained_limit_pa, limit_pa)):
+            self._name_unexplained(int(channel))
+
+    def _name_unexplained(self, channel: int) -> None:
+        """Name a leak where neither a drift nor a bend can have taken so much in the time."""
+        moved_pa = float(self._unexplained_pa[channel] + self._bends_pa[channel])
+        since_s = self._time_s - float(self._explained_at_s[channel])
+        self._withdraw(np.arange(CHANNEL_COUNT) == channel, Fault.LEAK_OR_DRIFT)
+        if abs(moved_pa) > self._bent_pa[channel] + self._config.drift_limit_pa_s * since_s:
+            self._find_slow(channel, -moved_pa / since_s, "by the air that was moved for it")
+            return
+        evidence = f"{1e-3 * moved_pa:+.1f} kPa of air moved to keep a reading that no one can vouch for"
+        self._find(Fault.DRIFT if moved_pa > 0.0 else Fault.RISES, (channel,), evidence, 0.5)
 
     def _judge_noise(self, settled: Mask) -> None:
         ratio2 = self._lasting_noise_pa2 / self._filtered_noise_pa2
@@ -801,7 +827,7 @@ class Observer:
         self._slope.forget(channels)
         self._effort_pa[channels] = self._in_vain_pa[channels] = 0.0
         self._effort_from_pa[channels] = np.nan
-        self._unexplained_pa[channels] = 0.0
+        self._unexplained_pa[channels] = self._bends_pa[channels] = self._hidden_pa[channels] = 0.0
 
     # What stands
 
