@@ -20,9 +20,11 @@ the thresholds. A channel that does not follow is first closed and looked at: a 
 goes on filling, and what neither does is a valve that stays closed or a transducer that stands still.
 
 Slower than the slack, with the valve closed: the slope of the reading over all stretches in which the valve was closed,
-by least squares with a mean of its own for each stretch, and what the valve has had to add, times k_low. Noise: mean
-square of the second difference of the reading, which a steady rate does not enter; for a data sheet's sigma and the
-first-order low-pass of gain a it is sigma^2 a / (2 - a) (6 - 8 (1 - a) + 2 (1 - a)^2).
+by least squares with a mean of its own for each stretch, and what the valve has had to add, times k_low. Air that was
+added and does not show is that of a drift or leak only as far as it went no faster than a transducer drifts; what went
+faster has gone where a bend made room, as much as it can, and a bend gives back. Noise: mean square of the second
+difference of the reading, which a steady rate does not enter; for a data sheet's sigma and the first-order low-pass of
+gain a it is sigma^2 a / (2 - a) (6 - 8 (1 - a) + 2 (1 - a)^2).
 
 What cannot be told: a reading that drifts slower than ``slow_rate_pa_s``, or noise less than ``noise_ratio`` times the
 data sheet's; a leak from a drift faster than ``drift_limit_pa_s``, which counts as a leak; and, without a test pulse
@@ -55,8 +57,8 @@ _DOUBT_S = 0.5
 _GREATEST_LEAK_1_S = 2.0
 _NOMINAL_TICK_S = 0.01
 _SLOW_TICKS = 5
-_SPLIT_TICKS = 4
-"""Looks in which a valve's law and a reading that lags it come to agree."""
+_SPLIT_LOOKS = 4
+"""Of :data:`_SLOW_TICKS`, in which a reading has caught up with its valve."""
 _SOUND_SHARE = 0.66
 """Of the air counted, which a valve has let through at least where the law assumed of it is not a lasting one."""
 _BEND_TIME_S = 0.15
@@ -149,11 +151,6 @@ _ZEROS.flags.writeable = False
 _ONES = np.ones(CHANNEL_COUNT)
 _COMMANDS_KEPT = 3
 """As many ticks as a command takes to show."""
-
-
-def _nearer_zero(first: Vector, second: Vector) -> Vector:
-    """Return the one of each pair of the same sign that is nearer to zero."""
-    return np.where(np.abs(first) < np.abs(second), first, second)
 
 
 def _mask_of(channels: Collection[int]) -> Mask:
@@ -765,43 +762,45 @@ class Observer:
         """End what no one can vouch for once a good deal of air was moved, and the reading shows none of it.
 
         Air that went in, less what the reading rose, is what has leaked, what a bend made room for, or what a drifting
-        transducer does not show. No transducer drifts faster than ``drift_limit_pa_s``: what goes faster, over
-        :data:`_SPLIT_TICKS` looks, is a bend's, as long as a bend has room for it, and is given back against what moves
-        the other way. Leaks within the data sheet are taken off the rest until a leak or drift is known, and a bend as
-        slow as a drift is left what it can take. So a chamber whose reading falls is never filled far beyond its
-        set-point.
+        transducer does not show. Leaks within the data sheet are taken off until a leak or drift is known, and of what
+        is no quick bend a slow one is left what it can take. So a chamber whose reading falls is never filled far
+        beyond its set-point.
         """
-        config, look_s = self._config, _SLOW_TICKS * self._interval_s
-        suspects = self.channels(Fault.LEAK_OR_DRIFT)
+        config, suspects = self._config, self.channels(Fault.LEAK_OR_DRIFT)
         if not self._unseen:
             shown_pa = self._readings[-1] - self._readings[-1 - _SLOW_TICKS]
             self._hidden_pa += np.where(np.isfinite(shown_pa), self._added_pa - shown_pa, 0.0)
         self._added_pa, self._unseen = np.zeros(CHANNEL_COUNT), False
         counts = settled & self.read & (suspects | self._unnamed)
         if not counts.all():
-            for sums in (self._hidden_pa, self._unexplained_pa, self._bends_pa):
+            for sums in (self._hidden_pa, self._bends_pa, self._unexplained_pa):
                 sums[~counts] = 0.0
-        if self._ticks % (_SPLIT_TICKS * _SLOW_TICKS) != 0:
+        if self._ticks % (_SPLIT_LOOKS * _SLOW_TICKS) != 0:
             return
-        passed_s = _SPLIT_TICKS * look_s
-        slow_pa, room_pa = config.drift_limit_pa_s * passed_s, self._bent_pa
-        drifted_pa = np.clip(self._hidden_pa, -slow_pa, slow_pa)
-        bent_pa = self._bends_pa + self._hidden_pa - drifted_pa
-        drifted_pa = drifted_pa + self._unexplained_pa
-        self._hidden_pa = np.zeros(CHANNEL_COUNT)
-        self._bends_pa = np.clip(bent_pa, -room_pa, room_pa)
-        drifted_pa += bent_pa - self._bends_pa
-        back_pa = np.where(drifted_pa * self._bends_pa < 0.0, _nearer_zero(drifted_pa, -self._bends_pa), 0.0)
-        self._bends_pa += back_pa
-        drifted_pa -= back_pa
+        passed_s = _SPLIT_LOOKS * _SLOW_TICKS * self._interval_s
+        slow_pa = self._without_bends(config.drift_limit_pa_s * passed_s)
         sound_pa = config.slow_rate_pa_s * passed_s / (1.0 if self._valve.lasting else _SOUND_SHARE)
-        drifted_pa -= np.clip(drifted_pa, -sound_pa, sound_pa) * ~suspects
-        self._unexplained_pa = drifted_pa
-        moved_pa = np.abs(drifted_pa)
+        self._unexplained_pa = slow_pa - np.where(suspects, 0.0, np.clip(slow_pa, -sound_pa, sound_pa))
+        moved_pa = np.abs(self._unexplained_pa)
         self._explained_at_s[moved_pa < 1e3] = self._time_s
         limit_pa = np.where(suspects, 0.0, 1500.0 + 8.0 * self._sigma_pa + self._bent_pa)
         for channel in np.flatnonzero(moved_pa > np.maximum(config.unexplained_limit_pa, limit_pa)):
             self._name_unexplained(int(channel))
+
+    def _without_bends(self, drift_pa: float) -> Vector:
+        """Return what of the unexplained is no quick bend, shape (16,) [Pa]; keep what is.
+
+        No transducer drifts further than ``drift_pa`` in the time: the rest is a bend's, as far as a bend has room for
+        it. What then moves the other way is that bend, come back. The sum of both stays what was moved, of one sign, so
+        that what is no bend is never more than that.
+        """
+        drift = np.clip(self._hidden_pa, -drift_pa, drift_pa)
+        quick = self._bends_pa + self._hidden_pa - drift
+        bends = np.clip(quick, -self._bent_pa, self._bent_pa)
+        slow = self._unexplained_pa + drift + quick - bends
+        back = np.where(slow * bends < 0.0, np.copysign(np.minimum(np.abs(slow), np.abs(bends)), slow), 0.0)
+        self._hidden_pa, self._bends_pa = np.zeros(CHANNEL_COUNT), bends + back
+        return np.asarray(slow - back)
 
     def _name_unexplained(self, channel: int) -> None:
         """Name a leak where neither a drift nor a bend can have taken so much in the time."""
