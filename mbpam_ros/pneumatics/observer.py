@@ -245,7 +245,7 @@ class Observer:
         self._forget_effort()
         self._in_vain_pa = np.zeros(n)
         self._unexplained_pa, self._bends_pa, self._hidden_pa = np.zeros(n), np.zeros(n), np.zeros(n)
-        self._explained_at_s = np.full(n, -math.inf)
+        self._explained_at_s, self._explained_bends_pa = np.full(n, -math.inf), np.zeros(n)
         self._added_pa, self._unseen = np.zeros(n), True
 
     @property
@@ -782,9 +782,13 @@ class Observer:
         sound_pa = config.slow_rate_pa_s * passed_s / (1.0 if self._valve.lasting else _SOUND_SHARE)
         self._unexplained_pa = slow_pa - np.where(suspects, 0.0, np.clip(slow_pa, -sound_pa, sound_pa))
         moved_pa = np.abs(self._unexplained_pa)
-        self._explained_at_s[moved_pa < 1e3] = self._time_s
+        explained = moved_pa < 1e3
+        self._explained_at_s[explained], self._explained_bends_pa[explained] = self._time_s, self._bends_pa[explained]
         limit_pa = np.where(suspects, 0.0, 1500.0 + 8.0 * self._sigma_pa + self._bent_pa)
-        for channel in np.flatnonzero(moved_pa > np.maximum(config.unexplained_limit_pa, limit_pa)):
+        limit_pa = np.maximum(config.unexplained_limit_pa, limit_pa)
+        # What moves faster than a transducer drifts is left to the other sums for as long as that would take.
+        slow_s = np.where(suspects, 0.0, limit_pa / config.drift_limit_pa_s)
+        for channel in np.flatnonzero((moved_pa > limit_pa) & (self._time_s - self._explained_at_s > slow_s)):
             self._name_unexplained(int(channel))
 
     def _without_bends(self, drift_pa: float) -> Vector:
@@ -804,14 +808,16 @@ class Observer:
 
     def _name_unexplained(self, channel: int) -> None:
         """Name a leak where neither a drift nor a bend can have taken so much in the time."""
-        moved_pa = float(self._unexplained_pa[channel] + self._bends_pa[channel])
-        since_s = self._time_s - float(self._explained_at_s[channel])
+        drifted_pa = float(self._unexplained_pa[channel])
+        moved_pa = drifted_pa + float(self._bends_pa[channel] - self._explained_bends_pa[channel])
+        since_s = max(self._time_s - float(self._explained_at_s[channel]), _NOMINAL_TICK_S)
+        most_pa = 1500.0 + self._bent_pa[channel] + self._config.drift_limit_pa_s * since_s
         self._withdraw(np.arange(CHANNEL_COUNT) == channel, Fault.LEAK_OR_DRIFT)
-        if abs(moved_pa) > self._bent_pa[channel] + self._config.drift_limit_pa_s * since_s:
+        if drifted_pa * moved_pa > 0.0 and abs(moved_pa) > most_pa:
             self._find_slow(channel, -moved_pa / since_s, "by the air that was moved for it")
             return
-        evidence = f"{1e-3 * moved_pa:+.1f} kPa of air moved to keep a reading that no one can vouch for"
-        self._find(Fault.DRIFT if moved_pa > 0.0 else Fault.RISES, (channel,), evidence, 0.5)
+        evidence = f"{1e-3 * drifted_pa:+.1f} kPa of air moved to keep a reading that no one can vouch for"
+        self._find(Fault.DRIFT if drifted_pa > 0.0 else Fault.RISES, (channel,), evidence, 0.5)
 
     def _judge_noise(self, settled: Mask) -> None:
         ratio2 = self._lasting_noise_pa2 / self._filtered_noise_pa2
@@ -872,7 +878,9 @@ class Observer:
         self._leak_1_s[channel] = rate_pa_s / max(float(self._readings[-1, channel]), 1e3)
 
     def _find_slow(self, channel: int, rate_pa_s: float, how: str) -> None:
-        if rate_pa_s < -self._config.drift_limit_pa_s:
+        # A bend may have made room meanwhile; and a reading taken for a leak's is followed wherever it drifts.
+        bend_pa_s = self._bent_pa[channel] / _Slopes.SPAN_S
+        if rate_pa_s < -self._config.drift_limit_pa_s - bend_pa_s:
             tau_s = -self._readings[-1, channel] / rate_pa_s
             evidence = f"loses {-1e-3 * rate_pa_s:.1f} kPa/s {how}, time constant {tau_s:.1f} s"
             self._find(Fault.LEAK, (channel,), evidence, 0.95)
@@ -935,10 +943,10 @@ class Observer:
 class _Slopes:
     """Least-squares slopes of readings over all stretches in which they count, each stretch with a mean of its own.
 
-    Two spans of :data:`_SPAN_S` that follow each other must agree, so that what passes does not make a slope.
+    Two spans of :data:`SPAN_S` that follow each other must agree, so that what passes does not make a slope.
     """
 
-    _SPAN_S = 2.0
+    SPAN_S = 2.0
 
     def __init__(self) -> None:
         n = CHANNEL_COUNT
@@ -966,7 +974,7 @@ class _Slopes:
         self._tt += np.where(going, dt_mean * (time - self._t), 0.0)
         self._ty += np.where(going, dt_mean * (reading - self._y), 0.0)
         self._counted_s += np.where(going, dt_s, 0.0)
-        ended = self._counted_s >= self._SPAN_S
+        ended = self._counted_s >= self.SPAN_S
         if ended.any():
             self._before = np.where(ended, self._last, self._before)
             self._last = np.where(ended, self._ty / np.maximum(self._tt, 1e-12), self._last)

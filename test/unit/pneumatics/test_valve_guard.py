@@ -344,6 +344,54 @@ def test_with_orifices_a_held_grasp_is_watched_as_closely_and_no_chamber_goes_fa
     assert rig.highest_pa < 112.2e3
 
 
+BENDS = {
+    "lifted, and past what it held": [(0.25, 92.0), (1.0, 92.0), (0.25, 185.0)],
+    "quickly there, slowly back": [(0.2, 100.0), (2.0, 10.0)] * 4,
+    "slowly there, quickly back": [(2.0, 100.0), (0.2, 10.0)] * 4,
+    "to and fro": [(0.2, 100.0), (0.2, 10.0)] * 10,
+}
+
+
+def bent_away_deg(degrees):
+    """Return the bend in the frame's x that is so much away from the first chamber, at 45 deg."""
+    return -math.radians(degrees) * math.sqrt(2.0)
+
+
+def bending_by(rig, bends):
+    """Have the finger of the channel bend away from it, evenly to each place in its time."""
+    bend_rad = rig.bend_rad[CHANNEL // 4]
+    for over_s, degrees in bends:
+        begun, to = bend_rad[0], bent_away_deg(degrees)
+        for share in np.linspace(0.0, 1.0, round(over_s / TICK_S)):
+            bend_rad[0] = begun + share * (to - begun)
+            rig.run(TICK_S)
+
+
+@pytest.mark.parametrize("bends", BENDS.values(), ids=BENDS)
+def test_a_sound_reading_does_not_drift_however_a_finger_bends(bends):
+    rig = Rig(ORIFICES, assumed="iso6358", leak_1_s=DATA_SHEET_LEAK_1_S)
+    rig.bend_rad[:, 0] = bent_away_deg(10.0)
+    rig.aim(GRIP)
+    rig.run(2.5)
+    bending_by(rig, bends)
+    rig.run(5.0)
+    assert not rig.found
+
+
+@pytest.mark.parametrize("bends", [BENDS["lifted, and past what it held"], BENDS["to and fro"]])
+@pytest.mark.parametrize("drift_pa_s", [-0.6e3, -1.35e3, -2.9e3])
+def test_what_a_finger_has_bent_hides_no_drift(bends, drift_pa_s):
+    rig = Rig(ORIFICES, assumed="iso6358")
+    rig.bend_rad[:, 0] = bent_away_deg(10.0)
+    rig.aim(GRIP)
+    rig.run(2.5)
+    bending_by(rig, bends)
+    rig.inject("drift", drift_pa_s)
+    rig.run(15.0)
+    assert rig.found == {(Fault.DRIFT, ONE)}
+    assert rig.highest_pa < 112.2e3
+
+
 @pytest.mark.parametrize("left", [0.1, 0.5])
 def test_a_tank_that_is_no_longer_filled_shows_in_test_pulses_before_it_wants(left):
     rig = Rig(ORIFICES, assumed="iso6358")
