@@ -807,17 +807,23 @@ class Observer:
         return np.asarray(slow - back)
 
     def _name_unexplained(self, channel: int) -> None:
-        """Name a leak where neither a drift nor a bend can have taken so much in the time."""
+        """Name it by its rate where no drift is so fast."""
         drifted_pa = float(self._unexplained_pa[channel])
         moved_pa = drifted_pa + float(self._bends_pa[channel] - self._explained_bends_pa[channel])
-        since_s = max(self._time_s - float(self._explained_at_s[channel]), _NOMINAL_TICK_S)
-        most_pa = 1500.0 + self._bent_pa[channel] + self._config.drift_limit_pa_s * since_s
+        rate_pa_s = -moved_pa / max(self._time_s - float(self._explained_at_s[channel]), _NOMINAL_TICK_S)
         self._withdraw(np.arange(CHANNEL_COUNT) == channel, Fault.LEAK_OR_DRIFT)
-        if drifted_pa * moved_pa > 0.0 and abs(moved_pa) > most_pa:
-            self._find_slow(channel, -moved_pa / since_s, "by the air that was moved for it")
+        if rate_pa_s > self._config.drift_limit_pa_s or rate_pa_s < -self._least_leak_pa_s(channel):
+            self._find_slow(channel, rate_pa_s, "by the air that was moved for it")
             return
         evidence = f"{1e-3 * drifted_pa:+.1f} kPa of air moved to keep a reading that no one can vouch for"
         self._find(Fault.DRIFT if drifted_pa > 0.0 else Fault.RISES, (channel,), evidence, 0.5)
+
+    def _least_leak_pa_s(self, channel: int) -> float:
+        """Return how fast a reading falls that leaks for certain, since a leak is made up for without a bound.
+
+        Faster than a drift, and than a bend makes room in the time that it takes to see one.
+        """
+        return self._config.drift_limit_pa_s + float(self._bent_pa[channel]) / _Slopes.SPAN_S
 
     def _judge_noise(self, settled: Mask) -> None:
         ratio2 = self._lasting_noise_pa2 / self._filtered_noise_pa2
@@ -878,9 +884,7 @@ class Observer:
         self._leak_1_s[channel] = rate_pa_s / max(float(self._readings[-1, channel]), 1e3)
 
     def _find_slow(self, channel: int, rate_pa_s: float, how: str) -> None:
-        # A bend may have made room meanwhile; and a reading taken for a leak's is followed wherever it drifts.
-        bend_pa_s = self._bent_pa[channel] / _Slopes.SPAN_S
-        if rate_pa_s < -self._config.drift_limit_pa_s - bend_pa_s:
+        if rate_pa_s < -self._least_leak_pa_s(channel):
             tau_s = -self._readings[-1, channel] / rate_pa_s
             evidence = f"loses {-1e-3 * rate_pa_s:.1f} kPa/s {how}, time constant {tau_s:.1f} s"
             self._find(Fault.LEAK, (channel,), evidence, 0.95)
