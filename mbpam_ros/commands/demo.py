@@ -148,7 +148,9 @@ def _stages(scene: Scene, operator: Operator, report: Path, progress: Progress) 
     try:
         wait_for(lambda: not watcher.unheard, 20.0, "looking")
     except NodeSystemError as error:
-        raise NodeSystemError(f"{error}; not heard: {', '.join(watcher.unheard) or '-'}") from error
+        _, detector_says, _ = operator.health["/object_detector"]
+        unheard = ", ".join(watcher.unheard) or "-"
+        raise NodeSystemError(f"{error}; not heard: {unheard}; the object detector says: {detector_says}") from error
     watcher.set_start()
     watcher.snapshot("start")
     detection = watcher.detection

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import array
 import copy
+import math
 import sys
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -103,6 +104,7 @@ class ObjectDetectorNode(GripperNode):
         self._refusals: dict[str, str] = {}
         self._seen: Sighting | None = None
         self._found_in: tuple[tuple[object, ...], NDArray[np.uint8]] | None = None
+        self._patience = 1.0
         self._frozen = FrozenCamera(self.number("frozen_after_s"))
         self._learning: list[tuple[NDArray[np.uint8], NDArray[np.float64] | None]] | None = None
         self._waiting: _Frame | None = None
@@ -252,15 +254,19 @@ class ObjectDetectorNode(GripperNode):
             *(message.encoding, image.shape, intrinsics, distortion.tobytes(), depth_m, id(self._detector.background)),
             *(None if each is None else each.tobytes() for each in (depth.metres if depth else None, fingers_m)),
         )
+        is_still = self._found_in is not None and view == self._found_in[0] and is_same_scene(image, self._found_in[1])
         # In a still scene what was found stands.
-        if self._found_in is not None and view == self._found_in[0] and is_same_scene(image, self._found_in[1]):
+        if is_still and self._seen is not None and self._seen.passed_over == 0:
             self._refusals.pop("image", None)
             self._publish(message, image)
             return
-        arguments = (image, message.encoding, intrinsics, distortion, depth_m, fingers_m, depth)
+        simulated = bool(self.value("use_sim_time"))
+        # What the time was too short for in a still scene is given more of it; simulated time stands still for a frame.
+        self._patience = math.inf if simulated else 2.0 * self._patience if is_still else 1.0
+        arguments = (image, message.encoding, intrinsics, distortion, depth_m, fingers_m, depth, self._patience)
         self._work = self._thread.submit(self._detector.look, *arguments), frame, view, told_m is None
         self._poll.reset()
-        if self.value("use_sim_time"):  # simulated time stands still for it, and a run repeats
+        if simulated:  # and a run repeats
             self._work[0].exception()
             self._take_finished()
 

@@ -232,6 +232,7 @@ class ObjectDetector:
         support_depth_m: float,
         finger_centrelines_m: NDArray[np.float64] | None = None,
         depth: DepthImage | None = None,
+        patience: float = 1.0,
     ) -> Sighting:
         """Find the objects in ``image``.
 
@@ -245,6 +246,7 @@ class ObjectDetector:
             finger_centrelines_m: (k, n, 3), where fingers are told to be if they are not open. Masked is what they
                 pass on their way there; the same finger may be told of at two times.
             depth: what a depth camera sees at the same time, rectified.
+            patience: how many times the configured budget it may take.
 
         Raises:
             ImageError: type, encoding, size, depth of the support or centrelines do not fit.
@@ -280,7 +282,8 @@ class ObjectDetector:
         surface = None if table is None else Surface(table.points_m, table.height_m, table.noise_m)
         fit = RegionFit(camera, support_m, smooth, level, hidden, masks.sure, self._config.edge_levels, surface)
         second = of_image if source == "background" else None
-        search = _Search(self._config, source, fit, coarse, masks, prepared_s, second)
+        ends_s = prepared_s + patience * self._config.budget_s
+        search = _Search(self._config, source, fit, coarse, masks, ends_s, second)
         found = search.run()
         detections = [described(item, camera, support_m, source, lens) for item in found]
         return Sighting(
@@ -542,14 +545,14 @@ class _Search:
         fit: RegionFit,
         coarse: NDArray[np.uint8],
         masks: Masks,
-        began_s: float,
+        ends_s: float,
         second_masks: Callable[[], Masks] | None = None,
     ) -> None:
         self._config, self._coarse = config, coarse
         self._first, self._second_masks = _Look(fit, masks), second_masks
         self._weights = config.confidence[source]
         self._min_area = config.segmentation.min_area_px / COARSE**2
-        self._ends_s = began_s + config.budget_s
+        self._ends_s = ends_s
         self.passed_over = 0
         self.weighed: list[tuple[Hypothesis, ...]] = []
 
@@ -585,10 +588,12 @@ class _Search:
 
     def _leaves_some(self, look: _Look, aside: bool, found: list[Hypothesis]) -> bool:
         """Whether a region there that surely shows an object has no good explanation, and there is time to seek it."""
-        if time.thread_time() > self._ends_s:
-            return False
         regions = self._connected(look, look.masks.sure, aside)
-        return not all(any(_explains(item, region) for item in found) for region in regions)
+        unexplained = sum(not any(_explains(item, region) for item in found) for region in regions)
+        if time.thread_time() > self._ends_s:
+            self.passed_over = max(self.passed_over, unexplained)
+            return False
+        return unexplained > 0
 
     def _regions(self, look: _Look, aside: bool) -> list[Region]:
         """What may be objects: what a finger may have cut apart, then the largest first, then regions with shadows."""
@@ -610,8 +615,10 @@ class _Search:
         if whole is not None and whole.confidence > _GOOD_CONFIDENCE:
             return [whole]
         found = [] if whole is None else [whole]
-        for part in self._parts(look, region):
+        parts = self._parts(look, region)
+        for index, part in enumerate(parts):
             if time.thread_time() > self._ends_s:
+                self.passed_over += len(parts) - index
                 break
             best = self._best(look, part)
             if best is not None:

@@ -25,7 +25,7 @@ FOR_ROS2_RUN = {*NODE_EXECUTABLES, "demo"}
 ON_THE_PATH = {"mbpam", *(f"mbpam_{node}" for node in NODE_EXECUTABLES)}
 START_S = 60.0
 STOP_S = 10.0
-COMMAND_S = 90.0
+COMMAND_S = 300.0
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
+from mbpam_ros.configuration import config_path
 from mbpam_ros.gripper import load_gripper
 from mbpam_ros.nodes import vision_detections
 from mbpam_ros.nodes.markers import finger_markers
@@ -88,11 +89,11 @@ def camera_info(**changes):
 
 
 class Camera:
-    """The node and a camera in the test's hands; simulated time, a quarter of a second between two images."""
+    """The node and a camera in the test's hands; simulated time but for who asks, a quarter of a second an image."""
 
     def __init__(self, graph, informed=True, **parameters):
         self.graph = graph
-        self.node = graph.add(ObjectDetectorNode, use_sim_time=True, **parameters)
+        self.node = graph.add(ObjectDetectorNode, **{"use_sim_time": True, **parameters})
         self.detections = graph.listen(MarkerArray, "detections")
         self.overlays = graph.listen(CompressedImage, "detections/image")
         self.reports = graph.listen(DiagnosticArray, "/diagnostics")
@@ -243,6 +244,30 @@ def test_images_that_come_too_fast_are_passed_over(graph):
     assert seen_at == [time_stamp(time_s) for time_s in (1.25, 2.25, 3.25)]
     camera.node.set_parameters([Parameter("max_rate_hz", value=4.0)])
     camera.show(image(photograph("empty")))
+
+
+def hurried(folder):
+    """A detector file with hardly any time for a frame."""
+    config = folder / "hurried.yaml"
+    config.write_text(re.sub(r"budget_s: \S+", "budget_s: 0.001", config_path("detector.yaml").read_text()))
+    return str(config)
+
+
+def test_what_the_time_was_too_short_for_is_found_in_a_later_image_of_a_still_scene(graph, tmp_path):
+    camera = Camera(graph, use_sim_time=False, detector=hurried(tmp_path), max_rate_hz=60.0, frozen_after_s=0.0)
+    assert camera.show(image(photograph("bulb"))) == []
+    assert "passed over, the time was up" in camera.node.health().message
+
+    def is_found():
+        camera.send(image(photograph("bulb")))
+        return len(camera.detections[-1].markers) > 1
+
+    graph.spin_until(is_found, "the bulb")
+
+
+def test_in_simulated_time_a_slow_computer_finds_the_same(graph, tmp_path):
+    (found,) = Camera(graph, detector=hurried(tmp_path)).show(image(photograph("bulb")))
+    assert math.isclose(found.scale.x, 0.060, abs_tol=WITHIN_M)
 
 
 def test_a_camera_that_repeats_its_image_to_the_bit_is_refused_and_a_still_scene_is_not(graph):
