@@ -15,14 +15,16 @@ c a second taken off (a one-sided cumulative sum, Page 1954):
 
 A sum telescopes, so that white noise of the reading does not add up in it, and a threshold is compared with pressure
 itself: what a fault must have moved, or failed to move, before it is named. Where the chambers have a volume, their
-muscle's bend can move the pressure too, back and forth but not on and on: what it can is added to the thresholds. A
-channel that does not follow is first closed and looked at: a leak then goes on falling, a slow valve goes on filling,
-and what neither does is a valve that stays closed or a transducer that stands still.
+muscle's bend can move the pressure too, back and forth but not on and on, nor within a sample: what it can is added to
+the thresholds. A channel that does not follow is first closed and looked at: a leak then goes on falling, a slow valve
+goes on filling, and what neither does is a valve that stays closed or a transducer that stands still.
 
 Slower than the slack, with the valve closed: the slope of the reading over all stretches in which the valve was closed,
-by least squares with a mean of its own for each stretch, and what the valve has had to add, times k_low. Noise: mean
-square of the second difference of the reading, which a steady rate does not enter; for a data sheet's sigma and the
-first-order low-pass of gain a it is sigma^2 a / (2 - a) (6 - 8 (1 - a) + 2 (1 - a)^2).
+by least squares with a mean of its own for each stretch, and what the valve has had to add, times k_low. Air that was
+added and does not show is that of a drift or leak only as far as it went no faster than a transducer drifts; what went
+faster has gone where a bend made room, as much as it can, and a bend gives back. Noise: mean square of the second
+difference of the reading, which a steady rate does not enter; for a data sheet's sigma and the first-order low-pass of
+gain a it is sigma^2 a / (2 - a) (6 - 8 (1 - a) + 2 (1 - a)^2).
 
 What cannot be told: a reading that drifts slower than ``slow_rate_pa_s``, or noise less than ``noise_ratio`` times the
 data sheet's; a leak from a drift faster than ``drift_limit_pa_s``, which counts as a leak; and, without a test pulse
@@ -55,6 +57,12 @@ _DOUBT_S = 0.5
 _GREATEST_LEAK_1_S = 2.0
 _NOMINAL_TICK_S = 0.01
 _SLOW_TICKS = 5
+_SPLIT_LOOKS = 4
+"""Of :data:`_SLOW_TICKS`, in which a reading has caught up with its valve."""
+_SOUND_SHARE = 0.66
+"""Of the air counted, which a valve has let through at least where the law assumed of it is not a lasting one."""
+_BEND_TIME_S = 0.15
+"""In which a muscle can bend as far as it does in use."""
 _LEAST_FALL_PA_S = 10e3
 _LEARNT_SHARE = 0.6
 """Of the rate that a valve has shown, which it goes on showing where the law assumed of it is a lasting one."""
@@ -129,8 +137,10 @@ class ReadingNoise:
         return ReadingNoise(transducer.gain_pa_v * noise_v, sensing.cutoff_hz)
 
 
+_greatest = np.maximum.reduce
 _NAMED_AT_ONCE = (
     Fault.JUMPED, Fault.SWAPPED, Fault.RISES, Fault.NOT_FOLLOWING, Fault.NOT_VENTING, Fault.SLOW_VALVE, Fault.LEAK,
+    Fault.LEAKS_IN,
 )  # fmt: skip
 _NONE = np.zeros(CHANNEL_COUNT, dtype=bool)
 _NONE.flags.writeable = False
@@ -138,6 +148,9 @@ _ALL = ~_NONE
 _ALL.flags.writeable = False
 _ZEROS = np.zeros(CHANNEL_COUNT)
 _ZEROS.flags.writeable = False
+_ONES = np.ones(CHANNEL_COUNT)
+_COMMANDS_KEPT = 3
+"""As many ticks as a command takes to show."""
 
 
 def _mask_of(channels: Collection[int]) -> Mask:
@@ -149,7 +162,10 @@ def _mask_of(channels: Collection[int]) -> Mask:
 
 
 class _Course(NamedTuple):
-    """One interval: length, readings before, how they moved, openings that may show in it, which were read."""
+    """One interval: length, readings before, how they moved, openings that may show in it, which were read.
+
+    ``still``: all valves were closed, and all channels read.
+    """
 
     dt_s: float
     last: Vector
@@ -157,6 +173,7 @@ class _Course(NamedTuple):
     low: Vector
     high: Vector
     valid: Mask
+    still: bool
 
 
 class _Look(NamedTuple):
@@ -180,7 +197,7 @@ class Observer:
 
     def __init__(self, config: ObserverConfig, valve: AssumedValve, noise: ReadingNoise) -> None:
         self._config, self._valve, self._noise = config, valve, noise
-        alpha = -math.expm1(-2.0 * math.pi * noise.cutoff_hz * _NOMINAL_TICK_S)
+        alpha = self._filter_gain = -math.expm1(-2.0 * math.pi * noise.cutoff_hz * _NOMINAL_TICK_S)
         self._filtered_noise_pa2 = noise.noise_pa**2 * alpha / (2.0 - alpha)
         self._sound_noise_pa = math.sqrt(self._filtered_noise_pa2)
         self.begin_anew()
@@ -207,7 +224,7 @@ class Observer:
         self._leak_1_s = np.zeros(n)
         self._drawn = 0.0
         self._bent_pa: Vector = np.zeros(n)
-        self._falling_s = np.zeros(n)
+        self._lost_s, self._losing = np.zeros(n), False
         self._rises: dict[int, float] = {}
         self._looks: dict[int, _Look] = {}
         self._forget_course()
@@ -216,16 +233,20 @@ class Observer:
         """Start all sums anew, as after a gap in the readings."""
         n = CHANNEL_COUNT
         self._readings = np.full((READINGS_KEPT, n), np.nan)
-        self._low = np.zeros((3, n))
-        self._high = np.zeros((3, n))
+        self._low = np.zeros((_COMMANDS_KEPT, n))
+        self._high = np.zeros((_COMMANDS_KEPT, n))
+        self._closed_commands = 0
         self._fills = np.zeros((6, n))
         self._closed_ticks = np.zeros(n, dtype=int)
         self._up, self._down = np.zeros(n), np.zeros(n)
+        self._beyond, self._fastest_pa = np.zeros((READINGS_KEPT - 1, n)), (0.0,) * (READINGS_KEPT - 1)
         self._gone, self._come = np.zeros(n), np.zeros(n)
         self._slope = _Slopes()
         self._forget_effort()
         self._in_vain_pa = np.zeros(n)
-        self._unexplained_pa = np.zeros(n)
+        self._unexplained_pa, self._bends_pa, self._hidden_pa = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._explained_at_s, self._explained_bends_pa = np.full(n, -math.inf), np.zeros(n)
+        self._added_pa, self._unseen = np.zeros(n), True
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -251,6 +272,12 @@ class Observer:
         return np.minimum(np.where(self.channels(Fault.LEAK), self._leak_1_s, 0.0), _GREATEST_LEAK_1_S)
 
     @property
+    def fill_pa_s(self) -> Vector:
+        """How fast valves fill when fully open, by their law and what they have shown, shape (16,); NaN unread."""
+        supply_pa = self._valve.drawn_supply_gauge_pa(self._drawn)
+        return self.gain * self._valve.fill_pa_s(self._readings[-1], supply_pa)
+
+    @property
     def looked_at(self) -> Mask:
         """Channels that must be closed now to see what they do, shape (16,)."""
         return _mask_of(self._looks)
@@ -259,6 +286,11 @@ class Observer:
     def rising(self) -> Mask:
         """Channels whose pressure seems to come in without their valve, not yet named, shape (16,)."""
         return _mask_of(self._rises)
+
+    @property
+    def calm(self) -> bool:
+        """Whether nothing is found, looked at or suspected."""
+        return not (self._findings or self._looks or self._rises)
 
     @property
     def supply_low(self) -> bool:
@@ -284,12 +316,17 @@ class Observer:
         """Return the mean of the last few readings, shape (16,) [Pa]."""
         return np.asarray(self._readings[-ticks:].mean(axis=0))
 
+    @property
+    def read(self) -> Mask:
+        """Channels whose last reading is one, shape (16,)."""
+        return np.asarray(np.isfinite(self._readings[-1]))
+
     def aim(self, target_gauge_pa: Vector, time_s: float) -> None:
         """Take the set-points, shape (16,): what is slow starts anew in fingers that are told to move."""
         if self._targets is None:
             self._targets = np.full(CHANNEL_COUNT, np.nan)
         new = target_gauge_pa != self._targets
-        if new.any():
+        if np.count_nonzero(new):
             self._targets = target_gauge_pa.copy()
             self.aimed_at_s[new] = time_s
             self._filled[new] = self._filling[new] = 0.0
@@ -301,6 +338,7 @@ class Observer:
         """Take the openings, shape (16,), that hold until the next update."""
         self._low[:-1], self._high[:-1] = self._low[1:], self._high[1:]
         self._low[-1] = self._high[-1] = spool
+        self._closed_commands = 0 if np.count_nonzero(spool) else self._closed_commands + 1
 
     def update(
         self, time_s: float, pressure_gauge_pa: Vector, supply_open: bool, vented: bool, late_s: float = 0.0
@@ -328,12 +366,15 @@ class Observer:
         before = self._readings[-1].copy()
         self._keep(pressure_gauge_pa)
         last, moved, valid = before, self._readings[-1] - before, _ALL
-        if not math.isfinite(moved.sum()):
+        if not math.isfinite(moved @ _ONES):
             valid = np.isfinite(moved)
             last, moved = np.where(np.isfinite(before), before, 0.0), np.where(valid, moved, 0.0)
-        low = np.minimum(np.minimum(self._low[0], self._low[1]), self._low[2])
-        high = np.maximum(np.maximum(self._high[0], self._high[1]), self._high[2])
-        course = _Course(dt_s, last, moved, low, high, valid)
+        low = high = _ZEROS
+        closed = self._closed_commands >= _COMMANDS_KEPT
+        if not closed:
+            low = np.minimum(np.minimum(self._low[0], self._low[1]), self._low[2])
+            high = np.maximum(np.maximum(self._high[0], self._high[1]), self._high[2])
+        course = _Course(dt_s, last, moved, low, high, valid, closed and valid is _ALL)
         self._sum_up(course)
         self._ticks += 1
         if self._ticks % 2 == 0:
@@ -345,17 +386,26 @@ class Observer:
     def _keep(self, pressure_gauge_pa: Vector) -> None:
         self._readings[:-1] = self._readings[1:]
         self._readings[-1] = pressure_gauge_pa
-        if not math.isfinite(pressure_gauge_pa.sum()):
+        if not math.isfinite(pressure_gauge_pa @ _ONES):
             self._readings[-1][~np.isfinite(pressure_gauge_pa)] = np.nan
 
     # Sums
 
     def _sum_up(self, course: _Course) -> None:
-        config, dt_s = self._config, course.dt_s
-        most, least = self._allowed(course)
-        up = self._up + course.moved - (most + config.move_slack_pa_s) * dt_s
-        slack = np.where(course.low > 0.0, config.follow_slack_pa_s, config.move_slack_pa_s)
-        down = self._down + (least - slack) * dt_s - course.moved
+        config, dt_s, moved = self._config, course.dt_s, course.moved
+        self._fills[:-1] = self._fills[1:]
+        self._fills[-1] = 0.0
+        self._beyond[:-1] = self._beyond[1:]
+        if course.still:
+            self._beyond[-1] = moved
+            up = self._up + moved - config.move_slack_pa_s * dt_s
+            down = self._down - config.move_slack_pa_s * dt_s - moved
+        else:
+            most, least = self._allowed(course)
+            self._beyond[-1] = moved - np.minimum(np.maximum(moved, least * dt_s), most * dt_s)
+            up = self._up + moved - (most + config.move_slack_pa_s) * dt_s
+            slack = np.where(course.low > 0.0, config.follow_slack_pa_s, config.move_slack_pa_s)
+            down = self._down + (least - slack) * dt_s - moved
         self._bent_pa = self._valve.bend_pa(course.last)
         # What stands must be able to go.
         bound = 2.0 * (config.move_threshold_pa + self._bent_pa) + 12.0 * self._sigma_pa
@@ -367,9 +417,7 @@ class Observer:
         """Return the greatest and the least rate that openings allow, shape (16,) each; learn the valves' rates."""
         config = self._config
         low, high, last = course.low, course.high, course.last
-        self._fills[:-1] = self._fills[1:]
-        self._fills[-1] = 0.0
-        if not (low.any() or high.any()):
+        if not (np.count_nonzero(low) or np.count_nonzero(high)):
             return _ZEROS, _ZEROS
         fill_most, vent_most = self._fastest_pa_s(last)
         slowest, margin = self._slowest, config.move_threshold_pa
@@ -379,7 +427,7 @@ class Observer:
         vent_least = slowest * np.maximum(self._vent_pa_s(last - margin), 0.0)
         most = np.where(high > 0.0, high * fill_most, high * vent_least)
         least = np.where(low < 0.0, low * vent_most, low * fill_least)
-        filling = (low > 0.05) & course.valid
+        filling = (low > 0.05) & course.valid & ~self.channels(Fault.LEAK)  # what makes up for a leak does not show
         if not supplied:  # what is open to an empty manifold flows back
             least -= np.maximum(high, 0.0) * vent_most
         elif filling.any():
@@ -436,7 +484,7 @@ class Observer:
         share = 6.0 - 8.0 * (1.0 - alpha) + 2.0 * (1.0 - alpha) ** 2
         sample = np.minimum(second * second / share, 100.0 * self._noise_pa2)
         swing = course.high - course.low
-        if swing.any():  # what the valve itself can bend the reading by
+        if not course.still and np.count_nonzero(swing):  # what the valve itself can bend the reading by
             valve, fastest = self._valve, self._config.fastest_ratio * course.dt_s
             fill_pa_s = valve.fill_pa_s(course.last, valve.supply_gauge_pa)
             bent = swing * fastest * np.maximum(fill_pa_s, valve.vent_pa_s(course.last))
@@ -454,11 +502,15 @@ class Observer:
     # Fast faults
 
     def _judge(self, course: _Course) -> None:
-        config, margin = self._config, self._margin_pa + self._bent_pa
-        if np.abs(course.moved).max() > config.jump_threshold_pa:
+        config = self._config
+        moved_pa = float(_greatest(np.abs(course.moved)))
+        self._fastest_pa = (*self._fastest_pa[1:], moved_pa)
+        if moved_pa > config.jump_threshold_pa:
             self._judge_jumps(course)
-        if self._up.max() > config.move_threshold_pa or self._down.max() > config.follow_threshold_pa:
-            known = self._known
+        if max(self._fastest_pa) > config.move_threshold_pa / 5.0:
+            self._judge_steps(config.move_threshold_pa + self._margin_pa)
+        if _greatest(self._up) > config.move_threshold_pa or _greatest(self._down) > config.follow_threshold_pa:
+            known, margin = self._known, self._margin_pa + self._bent_pa
             least = np.where(course.low > 0.0, config.follow_threshold_pa, config.move_threshold_pa)
             for risen in np.flatnonzero((self._up > config.move_threshold_pa + margin) & ~known):
                 self._suspect_rise(int(risen), course.high)
@@ -473,23 +525,49 @@ class Observer:
                 self._judge_look(channel)
 
     def _judge_leaks(self, course: _Course) -> None:
-        """Name a leak that its valve, far open, cannot stop: such a valve does not fill."""
-        leaks = self.channels(Fault.LEAK) & ~self.channels(Fault.NOT_FOLLOWING)
-        if not leaks.any():
-            self._falling_s[:] = 0.0
+        """Name a leak, out or in, that its valve, far open, cannot stop: such a valve does not fill, or not vent."""
+        if not (self._findings or self._losing):
             return
-        falling = _MOMENT @ self._readings[-_MOMENT.size :] < -_LEAST_FALL_PA_S * self._interval_s * (_MOMENT @ _MOMENT)
-        stays = leaks & falling & (course.low > 0.5)
-        self._falling_s = np.where(stays, self._falling_s + course.dt_s, 0.0)
-        for channel in map(int, np.flatnonzero(self._falling_s > self._config.look_time_s)):
-            evidence = f"goes on falling though its valve fills, at {self._kpa(channel)} kPa"
-            self._find(Fault.NOT_FOLLOWING, (channel,), evidence, 0.99)
+        leaks, leaks_in = self.channels(Fault.LEAK), self.channels(Fault.LEAKS_IN)
+        leaks, leaks_in = leaks & ~self.channels(Fault.NOT_FOLLOWING), leaks_in & ~self.channels(Fault.RISES)
+        if not (leaks.any() or leaks_in.any()):
+            self._lost_s[:], self._losing = 0.0, False
+            return
+        self._losing = True
+        moves = _MOMENT @ self._readings[-_MOMENT.size :]
+        least = _LEAST_FALL_PA_S * self._interval_s * (_MOMENT @ _MOMENT)
+        falls, rises = leaks & (moves < -least) & (course.low > 0.5), leaks_in & (moves > least) & (course.high < -0.5)
+        self._lost_s = np.where(falls | rises, self._lost_s + course.dt_s, 0.0)
+        for channel in map(int, np.flatnonzero(self._lost_s > self._config.look_time_s)):
+            fault, goes = (
+                (Fault.NOT_FOLLOWING, "falling though its valve fills")
+                if falls[channel]
+                else (Fault.RISES, "rising though its valve vents")
+            )
+            self._find(fault, (channel,), f"goes on {goes}, at {self._kpa(channel)} kPa", 0.99)
 
     def _judge_jumps(self, course: _Course) -> None:
         fill_pa_s, vent_pa_s = self._fastest_pa_s(course.last)
         beyond = self._config.jump_threshold_pa + self._margin_pa
         jumped = (course.moved > fill_pa_s * course.dt_s + beyond) | (-course.moved > vent_pa_s * course.dt_s + beyond)
         self._name_jumps(np.flatnonzero(jumped & course.valid & ~self._known), course.moved)
+
+    def _judge_steps(self, least_pa: Vector) -> None:
+        """Name a reading that went somewhere between two samples and stays: a muscle has inertia.
+
+        The low-pass spreads such a step over some samples, and shows its gain's part of it in the first; a finger that
+        snaps takes longer. What a muscle can move the pressure by in three samples, at :data:`_BEND_TIME_S` for all, is
+        left to it.
+        """
+        step = self._beyond.sum(axis=0)
+        beyond = np.abs(step) > least_pa + 3.0 * self._interval_s / _BEND_TIME_S * self._bent_pa
+        if not beyond.any():
+            return
+        calm = 0.2 * np.abs(step)
+        stands = (np.abs(self._beyond[-3:].sum(axis=0)) < calm) & (np.abs(self._beyond[0]) < calm)
+        sharp = self._beyond[1] * np.sign(step) > 0.8 * self._filter_gain * np.abs(step)
+        stepped = beyond & stands & sharp & ~self._known
+        self._name_jumps(np.flatnonzero(stepped), step)
 
     @property
     def _known(self) -> Mask:
@@ -504,9 +582,9 @@ class Observer:
             others = [other for other in range(first, first + CHAMBERS_PER_FINGER) if other != channel]
             partner = min(others, key=lambda other: abs(moved[other] + moved[channel]))
             if abs(moved[partner] + moved[channel]) < 0.25 * abs(moved[channel]):
-                self._find_swapped(channel, partner, "changed readings with each other in one sample")
+                self._find_swapped(channel, partner, "changed readings with each other at once")
             else:
-                step = f"moved by {1e-3 * moved[channel]:.1f} kPa in one sample, to {self._kpa(channel)} kPa"
+                step = f"moved by {1e-3 * moved[channel]:.1f} kPa at once, to {self._kpa(channel)} kPa"
                 self._find(Fault.JUMPED, (channel,), f"{step}; no valve can do that", 0.99)
 
     def _suspect_rise(self, channel: int, high: Vector) -> None:
@@ -608,12 +686,15 @@ class Observer:
     def _judge_slow(self, course: _Course) -> None:
         """Look at closed channels, every :data:`_SLOW_TICKS`-th sample."""
         config = self._config
-        closed = (course.low == 0.0) & (course.high == 0.0) & course.valid
-        self._closed_ticks = (self._closed_ticks + 1) * closed
+        self._closed_ticks = self._closed_ticks + 1
+        if not course.still:
+            self._closed_ticks *= (course.low == 0.0) & (course.high == 0.0) & course.valid
         self._judge_effort(course)
+        self._unseen |= self.held_up
         if self._ticks % _SLOW_TICKS != 0:
             return
         settled = self._time_s > self._settled_at_s
+        self._judge_unexplained(settled)
         counts = (self._closed_ticks >= READINGS_KEPT) & settled & ~self._known
         moved = np.where(counts, self._readings[-1] - self._readings[-1 - _SLOW_TICKS], 0.0)
         allowed = config.slow_rate_pa_s * _SLOW_TICKS * course.dt_s * counts
@@ -625,8 +706,10 @@ class Observer:
             np.maximum(self._up, self._down) < 500.0
         )
         steadily = self._slope.steady(config.slow_rate_pa_s, self._sigma_pa)
-        for channel in np.flatnonzero((moves | steadily) & self._unnamed):
-            self._name_slow(int(channel))
+        slow = moves | steadily
+        if np.count_nonzero(slow):
+            for channel in np.flatnonzero(slow & self._unnamed):
+                self._name_slow(int(channel))
         self._judge_noise(settled)
 
     @property
@@ -636,17 +719,19 @@ class Observer:
 
     def _name_slow(self, channel: int) -> None:
         rate_pa_s = self._slope.rate(channel)
+        moved_pa, bent_pa = self._unexplained_pa[channel], self._bends_pa[channel]
         self._find_slow(channel, rate_pa_s, "with its valve closed")
         self._forget_slow(np.arange(CHANNEL_COUNT) == channel)
+        self._unexplained_pa[channel], self._bends_pa[channel] = moved_pa, bent_pa
 
     def _judge_effort(self, course: _Course) -> None:
         """Compare what valves had to add with what came of it, a second at a time."""
         opening = self._low[-2]
-        if opening.any():
+        if not course.still and np.count_nonzero(opening):
             fill_pa_s = self._fill_pa_s(course.last, self._valve.drawn_supply_gauge_pa(self._drawn))
             added = opening * np.where(opening > 0.0, fill_pa_s, self._vent_pa_s(course.last)) * course.dt_s
             self._effort_pa += added
-            self._judge_unexplained(added)
+            self._added_pa += self.gain * added
         self._effort_s += course.dt_s
         if self._effort_s < 1.0:
             return
@@ -673,17 +758,72 @@ class Observer:
         self._effort_pa, self._effort_s = np.zeros(CHANNEL_COUNT), 0.0
         self._effort_from_pa = np.full(CHANNEL_COUNT, np.nan)
 
-    def _judge_unexplained(self, added: Vector) -> None:
-        """End what no one can vouch for once a good deal of air was moved for it."""
-        suspects = self.channels(Fault.LEAK_OR_DRIFT)
-        if not suspects.any():
+    def _judge_unexplained(self, settled: Mask) -> None:
+        """End what no one can vouch for once a good deal of air was moved, and the reading shows none of it.
+
+        Air that went in, less what the reading rose, is what has leaked, what a bend made room for, or what a drifting
+        transducer does not show. Leaks within the data sheet are taken off until a leak or drift is known, and of what
+        is no quick bend a slow one is left what it can take. So a chamber whose reading falls is never filled far
+        beyond its set-point.
+        """
+        config, suspects = self._config, self.channels(Fault.LEAK_OR_DRIFT)
+        if not self._unseen:
+            shown_pa = self._readings[-1] - self._readings[-1 - _SLOW_TICKS]
+            self._hidden_pa += np.where(np.isfinite(shown_pa), self._added_pa - shown_pa, 0.0)
+        self._added_pa, self._unseen = np.zeros(CHANNEL_COUNT), False
+        counts = settled & self.read & (suspects | self._unnamed)
+        if not counts.all():
+            for sums in (self._hidden_pa, self._bends_pa, self._unexplained_pa):
+                sums[~counts] = 0.0
+        if self._ticks % (_SPLIT_LOOKS * _SLOW_TICKS) != 0:
             return
-        self._unexplained_pa += np.where(suspects, self.gain * added, 0.0)
-        for channel in np.flatnonzero(suspects & (np.abs(self._unexplained_pa) > self._config.unexplained_limit_pa)):
-            moved_pa = float(self._unexplained_pa[channel])
-            self._withdraw(np.arange(CHANNEL_COUNT) == channel, Fault.LEAK_OR_DRIFT)
-            evidence = f"{1e-3 * moved_pa:+.1f} kPa of air moved to keep a reading that no one can vouch for"
-            self._find(Fault.DRIFT if moved_pa > 0.0 else Fault.RISES, (int(channel),), evidence, 0.5)
+        passed_s = _SPLIT_LOOKS * _SLOW_TICKS * self._interval_s
+        slow_pa = self._without_bends(config.drift_limit_pa_s * passed_s)
+        sound_pa = config.slow_rate_pa_s * passed_s / (1.0 if self._valve.lasting else _SOUND_SHARE)
+        self._unexplained_pa = slow_pa - np.where(suspects, 0.0, np.clip(slow_pa, -sound_pa, sound_pa))
+        moved_pa = np.abs(self._unexplained_pa)
+        explained = moved_pa < 1e3
+        self._explained_at_s[explained], self._explained_bends_pa[explained] = self._time_s, self._bends_pa[explained]
+        limit_pa = np.where(suspects, 0.0, 1500.0 + 8.0 * self._sigma_pa + self._bent_pa)
+        limit_pa = np.maximum(config.unexplained_limit_pa, limit_pa)
+        # What moves faster than a transducer drifts is left to the other sums for as long as that would take.
+        slow_s = np.where(suspects, 0.0, limit_pa / config.drift_limit_pa_s)
+        for channel in np.flatnonzero((moved_pa > limit_pa) & (self._time_s - self._explained_at_s > slow_s)):
+            self._name_unexplained(int(channel))
+
+    def _without_bends(self, drift_pa: float) -> Vector:
+        """Return what of the unexplained is no quick bend, shape (16,) [Pa]; keep what is.
+
+        No transducer drifts further than ``drift_pa`` in the time: the rest is a bend's, as far as a bend has room for
+        it. What then moves the other way is that bend, come back. The sum of both stays what was moved, of one sign, so
+        that what is no bend is never more than that.
+        """
+        drift = np.clip(self._hidden_pa, -drift_pa, drift_pa)
+        quick = self._bends_pa + self._hidden_pa - drift
+        bends = np.clip(quick, -self._bent_pa, self._bent_pa)
+        slow = self._unexplained_pa + drift + quick - bends
+        back = np.where(slow * bends < 0.0, np.copysign(np.minimum(np.abs(slow), np.abs(bends)), slow), 0.0)
+        self._hidden_pa, self._bends_pa = np.zeros(CHANNEL_COUNT), bends + back
+        return np.asarray(slow - back)
+
+    def _name_unexplained(self, channel: int) -> None:
+        """Name it by its rate where no drift is so fast."""
+        drifted_pa = float(self._unexplained_pa[channel])
+        moved_pa = drifted_pa + float(self._bends_pa[channel] - self._explained_bends_pa[channel])
+        rate_pa_s = -moved_pa / max(self._time_s - float(self._explained_at_s[channel]), _NOMINAL_TICK_S)
+        self._withdraw(np.arange(CHANNEL_COUNT) == channel, Fault.LEAK_OR_DRIFT)
+        if rate_pa_s > self._config.drift_limit_pa_s or rate_pa_s < -self._least_leak_pa_s(channel):
+            self._find_slow(channel, rate_pa_s, "by the air that was moved for it")
+            return
+        evidence = f"{1e-3 * drifted_pa:+.1f} kPa of air moved to keep a reading that no one can vouch for"
+        self._find(Fault.DRIFT if drifted_pa > 0.0 else Fault.RISES, (channel,), evidence, 0.5)
+
+    def _least_leak_pa_s(self, channel: int) -> float:
+        """Return how fast a reading falls that leaks for certain, since a leak is made up for without a bound.
+
+        Faster than a drift, and than a bend makes room in the time that it takes to see one.
+        """
+        return self._config.drift_limit_pa_s + float(self._bent_pa[channel]) / _Slopes.SPAN_S
 
     def _judge_noise(self, settled: Mask) -> None:
         ratio2 = self._lasting_noise_pa2 / self._filtered_noise_pa2
@@ -698,7 +838,7 @@ class Observer:
         self._slope.forget(channels)
         self._effort_pa[channels] = self._in_vain_pa[channels] = 0.0
         self._effort_from_pa[channels] = np.nan
-        self._unexplained_pa[channels] = 0.0
+        self._unexplained_pa[channels] = self._bends_pa[channels] = self._hidden_pa[channels] = 0.0
 
     # What stands
 
@@ -744,7 +884,7 @@ class Observer:
         self._leak_1_s[channel] = rate_pa_s / max(float(self._readings[-1, channel]), 1e3)
 
     def _find_slow(self, channel: int, rate_pa_s: float, how: str) -> None:
-        if rate_pa_s < -self._config.drift_limit_pa_s:
+        if rate_pa_s < -self._least_leak_pa_s(channel):
             tau_s = -self._readings[-1, channel] / rate_pa_s
             evidence = f"loses {-1e-3 * rate_pa_s:.1f} kPa/s {how}, time constant {tau_s:.1f} s"
             self._find(Fault.LEAK, (channel,), evidence, 0.95)
@@ -807,10 +947,10 @@ class Observer:
 class _Slopes:
     """Least-squares slopes of readings over all stretches in which they count, each stretch with a mean of its own.
 
-    Two spans of :data:`_SPAN_S` that follow each other must agree, so that what passes does not make a slope.
+    Two spans of :data:`SPAN_S` that follow each other must agree, so that what passes does not make a slope.
     """
 
-    _SPAN_S = 2.0
+    SPAN_S = 2.0
 
     def __init__(self) -> None:
         n = CHANNEL_COUNT
@@ -838,7 +978,7 @@ class _Slopes:
         self._tt += np.where(going, dt_mean * (time - self._t), 0.0)
         self._ty += np.where(going, dt_mean * (reading - self._y), 0.0)
         self._counted_s += np.where(going, dt_s, 0.0)
-        ended = self._counted_s >= self._SPAN_S
+        ended = self._counted_s >= self.SPAN_S
         if ended.any():
             self._before = np.where(ended, self._last, self._before)
             self._last = np.where(ended, self._ty / np.maximum(self._tt, 1e-12), self._last)

@@ -43,6 +43,11 @@ CLOSED_BY = (
 )  # fmt: skip
 """Faults whose channel is closed at once."""
 
+_NONE = np.zeros(CHANNEL_COUNT, dtype=bool)
+_NONE.flags.writeable = False
+_GREATEST_CORRECTION = 2.5
+"""A valve that fills slower against what its loop assumes does not make up for a leak."""
+
 _OF_LOOPS = {
     ValveFault.NO_PRESSURE: (Fault.NO_READING, "no fresh valid pressure"),
     ValveFault.OVER_PRESSURE: (Fault.OVER_PRESSURE, "more than a chamber may have"),
@@ -99,6 +104,8 @@ class GuardedValves:
         self._supply = SupplyValve()
         self._supply.open = switched_on
         self._watchdog_s, self._read_at_s = loops.watchdog_s, -math.inf
+        self._supply_gauge_pa, self._least_drop_pa = loops.supply_gauge_pa, loops.least_drop_pa
+        self._time_constant_s = loops.fill_time_constant_s
         self._findings: tuple[Finding, ...] = ()
         self._compensates = False
 
@@ -130,9 +137,7 @@ class GuardedValves:
         target = self.controller.setpoint
         self._observer.aim(target, time_s)
         if self._observer.findings or self._compensates:
-            leak_1_s = self._observer.leak_1_s
-            self._compensates = bool(leak_1_s.any())
-            self.controller.compensate(leak_1_s)
+            self._compensate(pressure)
         spool = self._restrained(time_s, pressure, spool, target)
         self._observer.commanded(spool)
         return self._command(time_s, spool)
@@ -147,22 +152,34 @@ class GuardedValves:
         self._prober.abort()
         return self._command(time_s, spool)
 
+    def _compensate(self, pressure: Vector) -> None:
+        """Let loops add what leaks lose, in their own terms: by the opening that lets as much through."""
+        leak_1_s = self._observer.leak_1_s
+        self._compensates = bool(leak_1_s.any())
+        if self._compensates:
+            assumed_pa_s = np.maximum(self._supply_gauge_pa - pressure, self._least_drop_pa) / self._time_constant_s
+            fills_pa_s = np.maximum(self._observer.fill_pa_s, assumed_pa_s / _GREATEST_CORRECTION)
+            leak_1_s = np.where(leak_1_s > 0.0, leak_1_s * np.maximum(assumed_pa_s / fills_pa_s, 1.0), 0.0)
+        self.controller.compensate(np.nan_to_num(leak_1_s))
+
     def _restrained(self, time_s: float, pressure: Vector, spool: Vector, target: Vector) -> Vector:
         """Return what findings and test pulses leave of the loops' openings."""
         observer = self._observer
         if self.controller.vented:
             self._prober.abort()
             return spool
-        closed = observer.channels(*CLOSED_BY) | observer.looked_at | observer.rising
-        if closed.any():
-            closed &= ~self.controller.in_over_pressure
-            self.controller.restart(closed)
-            spool = np.where(closed, 0.0, spool)
-        if observer.supply_low:
-            spool = np.minimum(spool, 0.0)
+        closed = _NONE
+        if not observer.calm:
+            closed = observer.channels(*CLOSED_BY) | observer.looked_at | observer.rising
+            if closed.any():
+                closed &= ~self.controller.in_over_pressure
+                self.controller.restart(closed)
+                spool = np.where(closed, 0.0, spool)
+            if observer.supply_low:
+                spool = np.minimum(spool, 0.0)
         self._probe(time_s, target, closed)
         tested = self._prober.tested
-        if not tested.any():
+        if not np.count_nonzero(tested):
             return spool
         return np.where(tested, self._prober.openings(time_s, pressure), spool)
 
@@ -173,11 +190,13 @@ class GuardedValves:
         if (
             observer.held_up
             or observer.supply_low
-            or not (self._supply.open and self.controller.enabled and held.any())
+            or not (self._supply.open and self.controller.enabled and np.count_nonzero(held))
         ):
             self._prober.abort()
             return
-        read = np.isfinite(observer.mean_reading(1))
+        if not (np.count_nonzero(tested) or np.count_nonzero(self._prober.due(time_s, held, observer.in_doubt))):
+            return
+        read = observer.read
         at_rest = observer.at_rest & read
         ready = held & ((at_rest & self.controller.resting) | (tested & read)) & ~self.controller.in_over_pressure
         self._prober.update(time_s, ready, at_rest | tested, observer.in_doubt)
@@ -189,10 +208,11 @@ class GuardedValves:
             switched_on=self.switch.switched_on,
             vented=self.controller.vented,
             over=ValveFault.OVER_PRESSURE in faults,
-            rising=bool((self._observer.rising | self._observer.channels(Fault.RISES)).any()),
+            rising=not self._observer.calm
+            and bool((self._observer.rising | self._observer.channels(Fault.RISES)).any()),
             blind=time_s - self._read_at_s > self._watchdog_s,
         )
-        if all(fault is ValveFault.NONE for fault in faults):
+        if faults.count(ValveFault.NONE) == len(faults):
             self._findings = self._observer.findings
             return ValveCommand(spool, supply_open)
         of_loops = tuple(

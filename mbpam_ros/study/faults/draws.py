@@ -91,7 +91,7 @@ ROWS = (
     FaultRow("leak", "leak", 1.0, 8.0),
     FaultRow("small leak", "leak", 20.0, 200.0, phases=("holding",), watch_s=12.0, after_s=10.0),
     FaultRow("a valve leaks in", "leaks_in", 2.0, 50.0, phases=("idle", "holding"), watch_s=8.0, after_s=6.0),
-    FaultRow("supply sags", "supply", 0.1, 0.55),
+    FaultRow("supply sags", "supply", 0.1, 0.55, watch_s=120.0),
     FaultRow("supply gone", "supply"),
 )
 

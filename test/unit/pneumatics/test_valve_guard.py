@@ -321,3 +321,98 @@ def test_a_finding_is_read_back_from_its_line():
     for channel, line in ((CHANNEL_NAMES[3], "all is well"), ("finger_9", str(finding)), (SUPPLY, "rust (10 %): x")):
         with pytest.raises(FindingError):
             Finding.parse(channel, line)
+
+
+ORIFICES = dataclasses.replace(CONFIG, model="iso6358")
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "fault", "channels", "within_s"),
+    [
+        ("reads_offset", 6e3, Fault.JUMPED, ONE, 0.1),
+        ("reads_offset", -6e3, Fault.JUMPED, ONE, 0.1),
+        ("leaks_in", 4.0, Fault.LEAKS_IN, ONE, 3.0),
+        ("valve_slow", 0.14, Fault.NOT_FOLLOWING, ONE, 5.0),
+        ("drift", -1.35e3, Fault.DRIFT, ONE, 10.0),
+    ],
+)
+def test_with_orifices_a_held_grasp_is_watched_as_closely_and_no_chamber_goes_far_above(
+    kind, size, fault, channels, within_s
+):
+    rig = Rig(ORIFICES, assumed="iso6358")
+    rig.aim(GRIP)
+    rig.run(5.0)
+    rig.inject(kind, size)
+    rig.run(within_s, until=lambda: (fault, channels) in rig.found)
+    assert rig.found == {(fault, channels)}
+    rig.run(5.0)
+    assert rig.highest_pa < 112.2e3
+
+
+BENDS = {
+    "lifted, and past what it held": [(0.25, 92.0), (1.0, 92.0), (0.25, 185.0)],
+    "quickly there, slowly back": [(0.2, 100.0), (2.0, 10.0)] * 4,
+    "slowly there, quickly back": [(2.0, 100.0), (0.2, 10.0)] * 4,
+    "to and fro": [(0.2, 100.0), (0.2, 10.0)] * 10,
+}
+
+
+def bent_away_deg(degrees):
+    """Return the bend in the frame's x that is so much away from the first chamber, at 45 deg."""
+    return -math.radians(degrees) * math.sqrt(2.0)
+
+
+def bending_by(rig, bends):
+    """Have the finger of the channel bend away from it, evenly to each place in its time."""
+    bend_rad = rig.bend_rad[CHANNEL // 4]
+    for over_s, degrees in bends:
+        begun, to = bend_rad[0], bent_away_deg(degrees)
+        for share in np.linspace(0.0, 1.0, round(over_s / TICK_S)):
+            bend_rad[0] = begun + share * (to - begun)
+            rig.run(TICK_S)
+
+
+@pytest.mark.parametrize("bends", BENDS.values(), ids=BENDS)
+def test_a_sound_reading_does_not_drift_however_a_finger_bends(bends):
+    rig = Rig(ORIFICES, assumed="iso6358", leak_1_s=DATA_SHEET_LEAK_1_S)
+    rig.bend_rad[:, 0] = bent_away_deg(10.0)
+    rig.aim(GRIP)
+    rig.run(2.5)
+    bending_by(rig, bends)
+    rig.run(5.0)
+    assert not rig.found
+
+
+@pytest.mark.parametrize("bends", [BENDS["lifted, and past what it held"], BENDS["to and fro"]])
+@pytest.mark.parametrize("drift_pa_s", [-0.6e3, -1.35e3, -2.9e3])
+def test_what_a_finger_has_bent_hides_no_drift(bends, drift_pa_s):
+    rig = Rig(ORIFICES, assumed="iso6358")
+    rig.bend_rad[:, 0] = bent_away_deg(10.0)
+    rig.aim(GRIP)
+    rig.run(2.5)
+    bending_by(rig, bends)
+    rig.inject("drift", drift_pa_s)
+    rig.run(15.0)
+    assert rig.found == {(Fault.DRIFT, ONE)}
+    assert rig.highest_pa < 112.2e3
+
+
+@pytest.mark.parametrize("left", [0.1, 0.5])
+def test_a_tank_that_is_no_longer_filled_shows_in_test_pulses_before_it_wants(left):
+    rig = Rig(ORIFICES, assumed="iso6358")
+    rig.inject("supply", left)
+    rig.aim(GRIP)
+    rig.run(8.0, until=lambda: rig.found)
+    assert rig.found == {(Fault.SUPPLY_LOW, (SUPPLY,))}
+    assert rig.pressure_pa[CHANNEL] == pytest.approx(100e3, abs=2e3)
+
+
+def test_pulses_that_something_else_moves_say_nothing_of_the_supply():
+    rig = Rig(ORIFICES, assumed="iso6358")
+    rig.aim(GRIP)
+    rig.run(5.0)
+    for _ in range(6):
+        bending(rig, over_s=0.3, to_rad=math.radians(12.0))
+        bending(rig, over_s=0.3, to_rad=0.0)
+        rig.run(1.0)
+    assert not rig.found
