@@ -525,24 +525,30 @@ class Observer:
                 self._judge_look(channel)
 
     def _judge_leaks(self, course: _Course) -> None:
-        """Name a leak, out or in, that its valve, far open, cannot stop: such a valve does not fill, or not vent."""
+        """Name a leak, out or in, that its valve, far open, cannot stop: such a valve does not fill, or not vent.
+
+        And a valve that did not vent because air came in: closed, it goes on rising.
+        """
         if not (self._findings or self._losing):
             return
-        leaks, leaks_in = self.channels(Fault.LEAK), self.channels(Fault.LEAKS_IN)
-        leaks, leaks_in = leaks & ~self.channels(Fault.NOT_FOLLOWING), leaks_in & ~self.channels(Fault.RISES)
-        if not (leaks.any() or leaks_in.any()):
+        rising, vents_not = self.channels(Fault.RISES), self.channels(Fault.NOT_VENTING)
+        leaks = self.channels(Fault.LEAK) & ~self.channels(Fault.NOT_FOLLOWING)
+        leaks_in, vents_not = self.channels(Fault.LEAKS_IN) & ~rising, vents_not & ~rising
+        if not (leaks | leaks_in | vents_not).any():
             self._lost_s[:], self._losing = 0.0, False
             return
         self._losing = True
         moves = _MOMENT @ self._readings[-_MOMENT.size :]
         least = _LEAST_FALL_PA_S * self._interval_s * (_MOMENT @ _MOMENT)
-        falls, rises = leaks & (moves < -least) & (course.low > 0.5), leaks_in & (moves > least) & (course.high < -0.5)
-        self._lost_s = np.where(falls | rises, self._lost_s + course.dt_s, 0.0)
+        falls = leaks & (moves < -least) & (course.low > 0.5)
+        rises_open = leaks_in & (moves > least) & (course.high < -0.5)
+        rises_closed = vents_not & (moves > least) & (course.high <= 0.0)
+        self._lost_s = np.where(falls | rises_open | rises_closed, self._lost_s + course.dt_s, 0.0)
         for channel in map(int, np.flatnonzero(self._lost_s > self._config.look_time_s)):
             fault, goes = (
                 (Fault.NOT_FOLLOWING, "falling though its valve fills")
                 if falls[channel]
-                else (Fault.RISES, "rising though its valve vents")
+                else (Fault.RISES, f"rising though its valve {'vents' if rises_open[channel] else 'is closed'}")
             )
             self._find(fault, (channel,), f"goes on {goes}, at {self._kpa(channel)} kPa", 0.99)
 

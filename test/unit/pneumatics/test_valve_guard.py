@@ -349,6 +349,19 @@ def test_with_orifices_a_held_grasp_is_watched_as_closely_and_no_chamber_goes_fa
     assert rig.highest_pa < 112.2e3
 
 
+@pytest.mark.parametrize("time_constant_s", [2.5, 3.0])
+def test_a_valve_that_seems_not_to_vent_is_closed_and_its_supply_cut_where_air_comes_in(time_constant_s):
+    rig = Rig(ORIFICES, assumed="iso6358")
+    rig.aim(GRIP)
+    rig.run(5.0)
+    rig.inject("leaks_in", time_constant_s)
+    rig.run(2.0, until=lambda: (Fault.NOT_VENTING, ONE) in rig.found)
+    rig.run(0.2, until=lambda: (Fault.RISES, ONE) in rig.found)
+    assert not rig.command.supply_open
+    rig.run(5.0)
+    assert rig.highest_pa < 112.2e3
+
+
 BENDS = {
     "lifted, and past what it held": [(0.25, 92.0), (1.0, 92.0), (0.25, 185.0)],
     "quickly there, slowly back": [(0.2, 100.0), (2.0, 10.0)] * 4,
