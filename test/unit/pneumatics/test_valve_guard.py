@@ -385,6 +385,7 @@ def bending_by(rig, bends):
             rig.run(TICK_S)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bends", BENDS.values(), ids=BENDS)
 def test_a_sound_reading_does_not_drift_however_a_finger_bends(bends):
     rig = Rig(ORIFICES, assumed="iso6358", leak_1_s=DATA_SHEET_LEAK_1_S)
@@ -396,6 +397,7 @@ def test_a_sound_reading_does_not_drift_however_a_finger_bends(bends):
     assert not rig.found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bends", [BENDS["lifted, and past what it held"], BENDS["to and fro"]])
 @pytest.mark.parametrize("drift_pa_s", [-0.6e3, -1.35e3, -2.9e3])
 def test_what_a_finger_has_bent_hides_no_drift(bends, drift_pa_s):
