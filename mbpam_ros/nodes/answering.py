@@ -24,7 +24,7 @@ from mbpam_ros.nodes.messages import with_answer
 REQUESTS_KEPT = 1000
 CLIENT_KEEPS = 10
 """Depth of ROS's default quality of service for a client."""
-CLIENT_LOOKS_WITHIN_S = 0.2
+CLIENT_LOOKS_WITHIN_S = 0.1
 """No more than :data:`CLIENT_KEEPS` answers of one service leave within this, counted from the last request."""
 LONGEST_WAIT_S = 1.0
 """Nor do more within this while requests keep coming: where many ask at all times, one who asks does look."""
