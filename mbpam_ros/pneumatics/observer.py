@@ -596,6 +596,10 @@ class Observer:
     def _suspect_rise(self, channel: int, high: Vector) -> None:
         before = self._readings[-5, channel]
         if high[channel] < 0.0 and self._readings[-1, channel] - before < 200.0:
+            other = self._falling(channel)
+            if other is not None:
+                self._find_swapped(channel, other, "one vents and stands still while the other falls")
+                return
             behind = f"{1e-3 * self._up[channel]:.1f} kPa behind what its valve must vent, at {self._kpa(channel)} kPa"
             self._find(Fault.NOT_VENTING, (channel,), behind, self._confidence(self._up[channel], channel))
         else:
@@ -670,6 +674,12 @@ class Observer:
         """Return the channel of its finger that vents now and has not fallen as far as it must, if there is one."""
         standing = (self._high.max(axis=0) < 0.0) & (self._up > 0.3 * self._config.move_threshold_pa)
         others = np.flatnonzero(standing & same_finger(channel))
+        return int(others[0]) if others.size > 0 else None
+
+    def _falling(self, channel: int) -> int | None:
+        """Return the channel of its finger that falls though its valve does not vent, if there is one."""
+        falling = (self._low.min(axis=0) >= 0.0) & (self._down > 0.3 * self._config.move_threshold_pa + self._bent_pa)
+        others = np.flatnonzero(falling & same_finger(channel))
         return int(others[0]) if others.size > 0 else None
 
     def _all_starved(self, channel: int, look: _Look) -> bool:

@@ -362,6 +362,15 @@ def test_a_valve_that_seems_not_to_vent_is_closed_and_its_supply_cut_where_air_c
     assert rig.highest_pa < 112.2e3
 
 
+def test_with_orifices_a_valve_that_vents_the_neighbour_it_was_swapped_with_is_no_valve_that_does_not_vent():
+    rig = Rig(ORIFICES, seed=2, assumed="iso6358")
+    rig.aim(np.where(np.arange(CHANNEL_COUNT) % 4 < 2, 100e3, 0.0))
+    rig.run(0.15)
+    rig.inject("swapped", other=EMPTY)
+    rig.run(3.0, until=lambda: rig.found)
+    assert rig.found == {(Fault.SWAPPED, BOTH)}
+
+
 BENDS = {
     "lifted, and past what it held": [(0.25, 92.0), (1.0, 92.0), (0.25, 185.0)],
     "quickly there, slowly back": [(0.2, 100.0), (2.0, 10.0)] * 4,
