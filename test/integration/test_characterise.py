@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import threading
+from types import SimpleNamespace
 
 import pytest
 
@@ -62,7 +63,8 @@ def test_a_camera_and_scale_that_fall_silent_end_it_with_one_line(rig, graph, mo
     rig.mount(PLAN.mounts[0])
     rig.read()
     monkeypatch.setattr(ros_rig, "SILENCE_S", 0.5)
-    monkeypatch.setattr(graph.plant, "_camera", None)
+    covered = SimpleNamespace(expose=lambda *_: None, publish_finished=lambda **_: None)
+    monkeypatch.setattr(graph.plant, "_camera", covered)
     monkeypatch.setattr(graph.plant._rig, "weigh", lambda *_: None)
     with pytest.raises(RigError, match="nothing on .*camera/image_raw.*scale/wrench for 0.5 s") as error:
         while True:

@@ -56,7 +56,9 @@ class SecondHost:
 
     def found(self):
         self.highest_pa = math.nan
+        self.operator.health.clear()
         self.wait_for(lambda: self.highest_pa > 0.0, "pressures again")
+        self.operator.wait_for_nodes(NODES, WAIT_S)  # all that was missed comes first, and may be lost once more
         return self.state()
 
     def back(self):
