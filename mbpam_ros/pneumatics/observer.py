@@ -153,6 +153,12 @@ _COMMANDS_KEPT = 3
 """As many ticks as a command takes to show."""
 
 
+def _first_beside(channel: int, mask: Mask) -> int | None:
+    """Return the first of the mask's channels in a channel's finger, if there is one."""
+    others = np.flatnonzero(mask & same_finger(channel))
+    return int(others[0]) if others.size > 0 else None
+
+
 def _mask_of(channels: Collection[int]) -> Mask:
     if not channels:
         return _NONE
@@ -628,8 +634,7 @@ class Observer:
         least = self._config.slowest_ratio * self._fills.sum(axis=0)
         still = (least > 2000.0) & (risen < 0.2 * least)
         still[channel] = False
-        others = np.flatnonzero(still & same_finger(channel))
-        return int(others[0]) if others.size > 0 else None
+        return _first_beside(channel, still)
 
     def _suspect_fall(self, channel: int, low: Vector, high: Vector) -> None:
         filled = bool(high[channel] >= 0.03)
@@ -673,14 +678,12 @@ class Observer:
     def _not_falling(self, channel: int) -> int | None:
         """Return the channel of its finger that vents now and has not fallen as far as it must, if there is one."""
         standing = (self._high.max(axis=0) < 0.0) & (self._up > 0.3 * self._config.move_threshold_pa)
-        others = np.flatnonzero(standing & same_finger(channel))
-        return int(others[0]) if others.size > 0 else None
+        return _first_beside(channel, standing)
 
     def _falling(self, channel: int) -> int | None:
         """Return the channel of its finger that falls though its valve does not vent, if there is one."""
         falling = (self._low.min(axis=0) >= 0.0) & (self._down > 0.3 * self._config.move_threshold_pa + self._bent_pa)
-        others = np.flatnonzero(falling & same_finger(channel))
-        return int(others[0]) if others.size > 0 else None
+        return _first_beside(channel, falling)
 
     def _all_starved(self, channel: int, look: _Look) -> bool:
         """Return whether every channel that filled then has fallen behind too."""

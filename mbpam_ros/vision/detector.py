@@ -604,12 +604,16 @@ class _Search:
                 chosen.append(candidate)
         return [item for item in chosen if item.confidence >= self._config.min_confidence]
 
+    @property
+    def _time_is_up(self) -> bool:
+        return time.thread_time() > self._ends_s
+
     def _look_at(self, look: _Look, regions: Iterable[Region], found: list[Hypothesis]) -> None:
         """Add to ``found`` what explains regions that are not yet explained, while there is time."""
         for region in regions:
             if any(_explains(item, region) for item in found):
                 continue
-            if time.thread_time() > self._ends_s:
+            if self._time_is_up:
                 self.passed_over += 1
                 continue
             found += self._explain(look, region)
@@ -617,7 +621,7 @@ class _Search:
     def _leaves_some(self, look: _Look, aside: bool, found: list[Hypothesis]) -> bool:
         """Whether a region there that surely shows an object has no good explanation, and there is time to seek it."""
         unexplained = sum(not any(_explains(item, region) for item in found) for region in look.sure(aside))
-        if time.thread_time() > self._ends_s:
+        if self._time_is_up:
             self.passed_over = max(self.passed_over, unexplained)
             return False
         return unexplained > 0
@@ -640,7 +644,7 @@ class _Search:
         found = [] if whole is None else [whole]
         parts = self._parts(look, region)
         for index, part in enumerate(parts):
-            if time.thread_time() > self._ends_s:
+            if self._time_is_up:
                 self.passed_over += len(parts) - index
                 break
             best = self._best(look, part)
